@@ -1,0 +1,1 @@
+"""The CAD model: reading it, casting rays at it, its edges, and a picture of it."""

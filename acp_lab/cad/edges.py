@@ -1,0 +1,262 @@
+"""The edges that a camera can see on a CAD part, as 3D samples that are made once per part.
+
+Two kinds of mesh edges show in an image: **creases** (the faces meet at more than 25 degrees), and
+**silhouettes** (one adjacent face turns towards the camera, the other away), which on a curved
+surface wander from mesh edge to mesh edge as the part turns. Both are sampled to points with
+tangents in the object frame. What a view shows of them is then a matter of two tests per sample:
+which adjacent faces face the camera (exact and cheap), and whether the part itself hides the
+sample (one ray, or a learned or stored answer).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import trimesh
+
+from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import RayCaster
+from acp_lab.errors import PartError
+
+CREASE_ANGLE_DEG = 25.0
+# Two triangles of one flat face differ by rounding only; below this no silhouette can lie between them.
+FLAT_ANGLE_DEG = 0.1
+GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
+
+
+@dataclass(frozen=True)
+class EdgeSamples:
+    """Points on a part's mesh edges, in an order of which every prefix covers the part evenly.
+
+    Attributes:
+        points_obj: (n, 3) mm.
+        tangents_obj: (n, 3) unit direction of the mesh edge.
+        normals_obj: (n, 2, 3) outward unit normals of the two adjacent faces; at the rim of an open
+            mesh the second is the negative of the first, so that a rim is a silhouette from everywhere.
+        crease: (n,) bool, the faces meet at more than the crease angle.
+        convex: (n,) bool, material lies inside the smaller angle between the faces.
+        spacing_mm: distance of neighbouring samples along a crease.
+    """
+
+    points_obj: np.ndarray
+    tangents_obj: np.ndarray
+    normals_obj: np.ndarray
+    crease: np.ndarray
+    convex: np.ndarray
+    spacing_mm: float
+
+    def __len__(self) -> int:
+        return len(self.points_obj)
+
+    @cached_property
+    def planes(self) -> tuple[np.ndarray, np.ndarray]:
+        """All faces' planes as (2, n, 3) normals and (2, n) offsets: a face turns to e when normal . e > offset."""
+        normals = np.ascontiguousarray(self.normals_obj.transpose(1, 0, 2))
+        return normals, np.einsum("knj,nj->kn", normals, self.points_obj)
+
+    def take(self, rows: np.ndarray) -> EdgeSamples:
+        """The samples of `rows` (k,), in that order."""
+        return EdgeSamples(
+            self.points_obj[rows],
+            self.tangents_obj[rows],
+            self.normals_obj[rows],
+            self.crease[rows],
+            self.convex[rows],
+            self.spacing_mm,
+        )
+
+
+@dataclass(frozen=True)
+class Facing:
+    """Which adjacent faces of each edge sample turn towards a viewpoint.
+
+    Attributes:
+        shows: (n,) bool, the sample would be seen if nothing hid it.
+        outline: (n,) bool, exactly one adjacent face turns towards the eye (a silhouette).
+    """
+
+    shows: np.ndarray
+    outline: np.ndarray
+
+
+def sample_edges(
+    part: Part,
+    spacing_mm: float | None = None,
+    crease_angle_deg: float = CREASE_ANGLE_DEG,
+    max_smooth_samples: int = 6000,
+) -> EdgeSamples:
+    """Sample all mesh edges of a part that can ever be seen as edges.
+
+    Args:
+        spacing_mm: distance between samples; default diameter / 160.
+        crease_angle_deg: faces that meet at more than this make a crease.
+        max_smooth_samples: curved surfaces have many candidate silhouettes; they are sampled
+            more sparsely where that many would be exceeded.
+
+    Raises:
+        PartError: the mesh has no edge that could be seen (no faces, or all of them flat).
+    """
+    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    spacing = part.diameter / 160.0 if spacing_mm is None else spacing_mm
+    face_normals = np.asarray(mesh.face_normals, dtype=np.float64)
+    pairs = np.asarray(mesh.face_adjacency)
+    angle_deg = np.degrees(np.asarray(mesh.face_adjacency_angles))
+    convex = np.asarray(mesh.face_adjacency_convex)
+    vertex_pairs = np.asarray(mesh.face_adjacency_edges)
+    crease = angle_deg > crease_angle_deg
+    # A concave fold hides its own silhouette, so smooth edges count only where they bulge.
+    smooth = (angle_deg > FLAT_ANGLE_DEG) & ~crease & convex
+
+    normals = np.stack([face_normals[pairs[:, 0]], face_normals[pairs[:, 1]]], 1)
+    rim_vertices, rim_normals = _open_rims(mesh, face_normals)
+
+    groups = []
+    for chosen, limit in ((crease, None), (smooth, max_smooth_samples)):
+        if chosen.any():
+            groups.append(
+                _sample_group(
+                    part.vertices,
+                    vertex_pairs[chosen],
+                    normals[chosen],
+                    crease[chosen],
+                    convex[chosen],
+                    spacing,
+                    limit,
+                )
+            )
+    if len(rim_vertices):
+        always = np.ones(len(rim_vertices), bool)
+        groups.append(_sample_group(part.vertices, rim_vertices, rim_normals, always, always, spacing, None))
+    if not groups:
+        raise PartError(
+            f"{part.path or part.name}: the mesh has no edges to track (all faces lie in one plane or there are none); "
+            "export the part as a closed solid"
+        )
+    columns = [np.concatenate(column) for column in zip(*groups, strict=True)]
+    points, tangents, normal_pairs, is_crease, is_convex = columns
+    # Golden-ratio order: any prefix of it is spread evenly along the edges, and it never changes from
+    # frame to frame, which a memory per sample needs.
+    order = np.argsort((np.arange(len(points)) * GOLDEN_RATIO) % 1.0, kind="stable")
+    return EdgeSamples(
+        points[order],
+        tangents[order],
+        normal_pairs[order],
+        is_crease[order],
+        is_convex[order],
+        float(spacing),
+    )
+
+
+def facing(edges: EdgeSamples, eye_obj: np.ndarray) -> Facing:
+    """Which samples can show from an eye at `eye_obj` (3,) mm, hiding left aside.
+
+    A convex crease shows when at least one of its faces turns towards the eye, a concave one when
+    both do, a smooth edge only as a silhouette.
+    """
+    normals, offsets = edges.planes
+    # One matrix-vector product over both faces; on the per-frame path.
+    first, second = (normals.reshape(-1, 3) @ eye_obj).reshape(offsets.shape) > offsets
+    outline = (first != second) & edges.convex
+    return Facing(outline | (first & second & edges.crease), outline)
+
+
+def nearly_showing(edges: EdgeSamples, eye_obj: np.ndarray, margin_deg: float = 5.0) -> np.ndarray:
+    """(n,) bool: the sample shows from `eye_obj` (3,) mm or would from an eye up to about `margin_deg` away.
+
+    For answers about hiding that are stored for one view and used for its neighbours.
+    """
+    normals, offsets = edges.planes
+    slack = np.sin(np.radians(margin_deg)) * np.linalg.norm(eye_obj - edges.points_obj, axis=1)
+    height = normals @ eye_obj - offsets
+    maybe_front, maybe_back = height > -slack, height < slack
+    outline = (maybe_front & maybe_back[::-1]).any(0) & edges.convex
+    return outline | (maybe_front.all(0) & edges.crease)
+
+
+def unoccluded(edges: EdgeSamples, caster: RayCaster, eye_obj: np.ndarray, offset_mm: float) -> np.ndarray:
+    """(n,) bool: nothing of the part lies between the sample and an eye at `eye_obj` (3,) mm.
+
+    A sample lies on the very surface that its ray must not hit, so rays start `offset_mm` nearer to the
+    eye and as much off the surface (0.002 of the diameter serves).
+    """
+    outward = edges.normals_obj.sum(1)
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+    lifted = edges.points_obj + offset_mm * outward
+    to_eye = eye_obj - lifted
+    distance = np.linalg.norm(to_eye, axis=1)
+    direction = to_eye / distance[:, None]
+    return ~caster.occluded(lifted + offset_mm * direction, direction, distance - offset_mm)
+
+
+def visible_samples(edges: EdgeSamples, caster: RayCaster, eye_obj: np.ndarray, offset_mm: float) -> np.ndarray:
+    """(n,) bool: the sample is seen as an edge from an eye at `eye_obj` (3,) mm; the exact answer, by rays."""
+    shows = facing(edges, eye_obj).shows
+    visible = np.zeros(len(edges), bool)
+    rows = np.flatnonzero(shows)
+    visible[rows] = unoccluded(edges.take(rows), caster, eye_obj, offset_mm)
+    return visible
+
+
+def _open_rims(mesh: trimesh.Trimesh, face_normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges that belong to one face only: (k, 2) vertex ids and (k, 2, 3) normals."""
+    lonely = trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)
+    normals = face_normals[np.asarray(mesh.edges_face)[lonely]]
+    return np.asarray(mesh.edges_sorted)[lonely], np.stack([normals, -normals], 1)
+
+
+def _sample_group(
+    vertices: np.ndarray,
+    vertex_pairs: np.ndarray,
+    normals: np.ndarray,
+    crease: np.ndarray,
+    convex: np.ndarray,
+    spacing_mm: float,
+    limit: int | None,
+) -> tuple[np.ndarray, ...]:
+    """Samples at equal steps of length along all edges laid end to end.
+
+    Laying them end to end gives tiny edges of a finely tessellated hole their share of length, no more.
+    """
+    walk = _chain_order(vertex_pairs)
+    vertex_pairs, normals, crease, convex = vertex_pairs[walk], normals[walk], crease[walk], convex[walk]
+    start, end = vertices[vertex_pairs[:, 0]], vertices[vertex_pairs[:, 1]]
+    length = np.linalg.norm(end - start, axis=1)
+    ends = np.cumsum(length)
+    step = spacing_mm if limit is None else max(spacing_mm, ends[-1] / limit)
+    at = np.arange(0.5 * step, ends[-1], step)
+    if len(at) == 0:
+        at = np.array([0.5 * ends[-1]])
+    edge = np.minimum(np.searchsorted(ends, at), len(length) - 1)
+    along = (at - (ends[edge] - length[edge])) / length[edge]
+    tangents = (end - start)[edge] / length[edge, None]
+    return (
+        start[edge] + along[:, None] * (end - start)[edge],
+        tangents,
+        normals[edge],
+        crease[edge],
+        convex[edge],
+    )
+
+
+def _chain_order(vertex_pairs: np.ndarray) -> np.ndarray:
+    """An order of edges that walks along connected ones, so that even steps of length are even on the part."""
+    at_vertex: dict[int, list[int]] = {}
+    for index, (a, b) in enumerate(vertex_pairs.tolist()):
+        at_vertex.setdefault(a, []).append(index)
+        at_vertex.setdefault(b, []).append(index)
+    used = np.zeros(len(vertex_pairs), bool)
+    order: list[int] = []
+    for seed in range(len(vertex_pairs)):
+        edge, vertex = seed, int(vertex_pairs[seed, 1])
+        while not used[edge]:
+            used[edge] = True
+            order.append(edge)
+            onward = next((e for e in at_vertex[vertex] if not used[e]), None)
+            if onward is None:
+                break
+            edge = onward
+            a, b = vertex_pairs[edge].tolist()
+            vertex = b if a == vertex else a
+    return np.array(order, dtype=np.intp)

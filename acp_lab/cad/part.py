@@ -1,0 +1,261 @@
+"""A part as its CAD model describes it: one triangle mesh in the object frame, in millimetres.
+
+Everything later in the package asks a `Part` for its geometry, so the mesh is cleaned once, here: duplicate
+vertices are merged (an STL file has three of its own for every face; faces share edges only after merging),
+faces without area are dropped, and the arrays are plain and read-only. Face winding is kept as it is in the
+file, except that a closed mesh that is turned inside out is turned back, so that normals point out of the
+metal.
+
+Units: nothing in a PLY, OBJ or STL file says them. A size that smells of metres or inches is an error, not
+a guess.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from acp_lab.cad.mesh_file import read_mesh_file
+from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
+from acp_lab.errors import PartError
+from acp_lab.geometry.arrays import FloatArray, IntArray
+
+__all__ = ["Part", "PartInfo", "Symmetries", "clean_mesh", "largest_distance", "read_models_info"]
+
+SMALLEST_DIAMETER = 3.0
+"""mm; below it a file in metres is likelier than a part that a camera could track."""
+LARGEST_DIAMETER = 5000.0
+DIAMETER_TOLERANCE = 0.02
+"""Between models_info.json and the mesh: more than any re-meshing, less than any other part."""
+_UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A CAD model: vertices (n, 3) float64 mm, faces (m, 3) int64, counter-clockwise seen from outside.
+
+    name: the mesh file's stem. sha256: of the file's bytes (of the arrays' bytes when made in memory).
+    diameter: mm, as models_info.json says, else the largest distance between two vertices.
+    box_min, box_max: (3,) mm, of the vertices. All in the object frame; the arrays are read-only.
+    """
+
+    name: str
+    path: Path | None
+    sha256: str
+    vertices: FloatArray
+    faces: IntArray
+    diameter: float
+    box_min: FloatArray
+    box_max: FloatArray
+    symmetries: Symmetries = field(default_factory=Symmetries.none)
+
+    @property
+    def box_centre(self) -> FloatArray:
+        """(3,) mm, object frame."""
+        return 0.5 * (self.box_min + self.box_max)
+
+    @property
+    def box_size(self) -> FloatArray:
+        """(3,) mm."""
+        return self.box_max - self.box_min
+
+    @cached_property
+    def radius(self) -> float:
+        """Radius (mm) of the smallest sphere about the box centre that holds every vertex."""
+        return float(np.linalg.norm(self.vertices - self.box_centre, axis=1).max())
+
+    @cached_property
+    def face_normals(self) -> FloatArray:
+        """(m, 3) unit normals, object frame; they point out of the metal when the winding does."""
+        a, b, c = self.vertices[self.faces].transpose(1, 0, 2)
+        normals = np.cross(b - a, c - a)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals.flags.writeable = False
+        return normals
+
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether the mesh is watertight and wound consistently; an open one may come from a damaged file."""
+        return _is_closed(self.faces)
+
+    @classmethod
+    def from_file(cls, path: str | Path, info: PartInfo | None = None) -> Part:
+        """Read a PLY, OBJ or STL file in mm, or a STEP file; `info` gives its diameter and symmetries.
+
+        Raises InputFileError when the file cannot be read whole, PartError when it holds no usable part: no
+        faces, vertices that are not numbers, a size that smells of another unit or that `info` contradicts.
+        """
+        path = Path(path)
+        raw = read_mesh_file(path)
+        vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path))
+        diameter = largest_distance(vertices)
+        if info is not None:
+            _check_against_info(diameter, info, path)
+            diameter = info.diameter
+        _check_size(diameter, str(path))
+        symmetries = Symmetries.none() if info is None else info.symmetries
+        return cls(path.stem, path, raw.sha256, vertices, faces, diameter, *_box(vertices), symmetries)
+
+    @classmethod
+    def from_mesh(cls, vertices: ArrayLike, faces: ArrayLike, name: str, symmetries: Symmetries | None = None) -> Part:
+        """A part from arrays, vertices (n, 3) mm and faces (m, 3), cleaned and checked as a file would be.
+
+        Raises PartError as `from_file` does.
+        """
+        where = f"part '{name}'"
+        vertices, faces = clean_mesh(vertices, faces, where)
+        diameter = largest_distance(vertices)
+        _check_size(diameter, where)
+        sha256 = hashlib.sha256(vertices.tobytes() + faces.tobytes()).hexdigest()
+        symmetries = Symmetries.none() if symmetries is None else symmetries
+        return cls(name, None, sha256, vertices, faces, diameter, *_box(vertices), symmetries)
+
+
+def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[FloatArray, IntArray]:
+    """Merge duplicate vertices, drop faces without area, turn a closed mesh that is inside out back.
+
+    vertices (n, 3) mm, faces (m, 3); both keep their order and come back read-only. Two vertices are one
+    when they are nearer than float32 coordinates (all that STL and most PLY files store) can tell apart, or
+    than 1e-6 of the size. Raises PartError, whose message begins with `where`.
+    """
+    points, corners = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
+    if corners.size == 0:
+        raise PartError(f"{where}: has no faces: export the part as a triangle mesh, not as points or curves")
+    if points.shape[1:] != (3,) or corners.shape[1:] != (3,):
+        raise PartError(f"{where}: vertices {points.shape}, faces {corners.shape}: must be (n, 3) and (m, 3)")
+    for index in (corners.min(), corners.max()):
+        if not 0 <= index < len(points):
+            raise PartError(f"{where}: a face names vertex {index} of {len(points)}: export the mesh again")
+    points, corners = _without_unused(points, corners)
+    if not np.isfinite(points).all():
+        bad = points[~np.isfinite(points).all(axis=1)][0].tolist()
+        raise PartError(f"{where}: a vertex is {bad}, which is no point: export the mesh again")
+    resolution = 4.0 * float(np.finfo(np.float32).eps) * float(np.abs(points).max())
+    tolerance = max(1e-6 * float(np.ptp(points, axis=0).max()), resolution)
+    points, corners = _merged(points, corners, tolerance)
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    if _is_closed(corners) and _volume(points, corners) < 0.0:
+        corners = corners[:, ::-1]
+    # A face without height has no normal. It goes only now because dropping it can open a closed mesh.
+    a, b, c = points[corners].transpose(1, 0, 2)
+    longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
+    corners = corners[np.linalg.norm(np.cross(b - a, c - a), axis=1) > tolerance * longest]
+    if len(corners) == 0:
+        raise PartError(f"{where}: every face has zero area: export the part as a triangle mesh")
+    points, corners = _without_unused(points, np.ascontiguousarray(corners))
+    points.flags.writeable = corners.flags.writeable = False
+    return points, corners
+
+
+def _without_unused(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return vertices[used], (np.cumsum(used) - 1)[faces]
+
+
+def _merged(vertices: FloatArray, faces: IntArray, tolerance: float) -> tuple[FloatArray, IntArray]:
+    """Give vertices nearer than `tolerance` one number; the first of them stays, and so does their order."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    # Exact copies first (an STL file has about six of each vertex): equal rows are neighbours once sorted.
+    order = np.lexsort(vertices.T)
+    is_new = np.append(True, (np.diff(vertices[order], axis=0) != 0.0).any(axis=1))
+    group = np.empty(len(vertices), dtype=np.int64)
+    group[order] = np.cumsum(is_new) - 1
+    # Then the rare near ones.
+    unique = vertices[order[is_new]]
+    pairs = cKDTree(unique).query_pairs(tolerance, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(unique), len(unique)))
+    count, label = connected_components(links, directed=False)
+    group = label[group]
+    first = np.full(count, len(vertices))
+    np.minimum.at(first, group, np.arange(len(vertices)))
+    rank = np.empty(count, dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(count)
+    return vertices[np.sort(first)], rank[group][faces]
+
+
+def _is_closed(faces: IntArray) -> bool:
+    """Whether every edge is run as often one way as the other: watertight and consistently wound."""
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    edge = np.minimum(start, end) * (faces.max(initial=0) + 1) + np.maximum(start, end)
+    _, group = np.unique(edge, return_inverse=True)
+    return len(faces) > 0 and not np.bincount(group, weights=np.sign(end - start)).any()
+
+
+def _volume(vertices: FloatArray, faces: IntArray) -> float:
+    """Signed volume of a closed mesh, mm³: positive when the normals point out."""
+    a, b, c = (vertices[faces] - vertices.mean(axis=0)).transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def largest_distance(points: FloatArray) -> float:
+    """Largest distance between two of the points (n, 3), to 1e-6 of itself.
+
+    Only corners of the convex hull can be its ends. Of them a pair is tried only if its two distances to the
+    middle add up to more than what was found before: few pairs on most parts, and none on a sphere.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    with contextlib.suppress(QhullError, ValueError):  # flat, or fewer than four points: all of them compete
+        points = points[ConvexHull(points).vertices]
+    centred = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius = np.linalg.norm(centred, axis=1)
+    order = np.argsort(-radius)
+    centred, radius = centred[order], radius[order]
+    largest, start = 0.0, centred[0]
+    for _ in range(8):  # walking to the farthest point and on from there soon gives a good first answer
+        distance = np.linalg.norm(centred - start, axis=1)
+        largest, start = max(largest, float(distance.max())), centred[distance.argmax()]
+    for first in range(0, len(centred), 256):
+        # Radii fall, so the partners that can still win are the first ones of the list.
+        limit = (1.0 + 1e-6) * largest - radius[first]
+        partners = centred[: np.searchsorted(-radius, -limit)]
+        if 2.0 * radius[first] <= (1.0 + 1e-6) * largest or len(partners) == 0:
+            break
+        for row in centred[first : first + 256]:
+            largest = max(largest, float(np.linalg.norm(partners - row, axis=1).max()))
+    return largest
+
+
+def _check_size(diameter: float, where: str) -> None:
+    if diameter < SMALLEST_DIAMETER:
+        raise PartError(
+            f"{where}: its diameter would be {diameter:.4g} mm, which looks like metres: scale by 1000 "
+            "(inches: by 25.4)"
+        )
+    if diameter > LARGEST_DIAMETER:
+        raise PartError(
+            f"{where}: its diameter would be {diameter:.4g} mm, more than {LARGEST_DIAMETER / 1000:g} m: "
+            "scale the mesh to mm (micrometres: by 0.001)"
+        )
+
+
+def _check_against_info(diameter: float, info: PartInfo, path: Path) -> None:
+    ratio = info.diameter / diameter
+    source = info.source or "models_info"
+    numbers = f"{path}: its diameter is {diameter:.5g}, but {info.diameter:.5g} mm in {source}"
+    if abs(1000.0 * ratio - 1.0) < 0.05 and diameter > LARGEST_DIAMETER:
+        raise PartError(f"{numbers}: the mesh looks like micrometres: scale by 0.001")
+    for unit, factor in _UNITS:
+        if abs(ratio / factor - 1.0) < 0.05:
+            raise PartError(f"{numbers}: the mesh looks like {unit}: scale by {factor:g}")
+        if abs(ratio * factor - 1.0) < 0.05:
+            raise PartError(f"{numbers}: the latter looks like {unit}: scale its numbers by {factor:g}")
+    if abs(ratio - 1.0) > DIAMETER_TOLERANCE:
+        raise PartError(f"{numbers}: these are two meshes: give the file that belongs to this mesh")
+
+
+def _box(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    box = vertices.min(axis=0), vertices.max(axis=0)
+    for corner in box:
+        corner.flags.writeable = False
+    return box

@@ -1,0 +1,204 @@
+"""A part's mesh is clean, its sizes are right, and a wrong unit is noticed."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from meshes import box, bushing
+
+from acp_lab.cad.part import Part, PartInfo, Symmetries, largest_distance, read_models_info
+from acp_lab.errors import PartError
+
+
+def _soup(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh as STL stores it: every face with three vertices of its own."""
+    vertices = np.array(mesh.vertices)[mesh.faces].reshape(-1, 3)
+    return vertices, np.arange(len(vertices)).reshape(-1, 3)
+
+
+def test_duplicate_vertices_are_merged_and_the_order_stays() -> None:
+    mesh = trimesh.creation.icosphere(2, radius=20.0)
+    part = Part.from_mesh(*_soup(mesh), "ball")
+    assert part.vertices.shape == mesh.vertices.shape
+    assert part.faces.shape == mesh.faces.shape
+    np.testing.assert_array_equal(part.vertices[part.faces], mesh.vertices[mesh.faces])
+    assert part.is_closed
+    # The first vertex of the file stays the first one.
+    np.testing.assert_array_equal(part.faces[0], [0, 1, 2])
+
+
+def test_a_clean_mesh_stays_as_it_is() -> None:
+    mesh = box()
+    part = Part.from_mesh(mesh.vertices, mesh.faces, "box")
+    np.testing.assert_array_equal(part.vertices, mesh.vertices)
+    np.testing.assert_array_equal(part.faces, mesh.faces)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 500.0]))
+def test_vertices_apart_by_float32_rounding_are_one(seed: int, away: float) -> None:
+    vertices, faces = _soup(box())
+    vertices = vertices + away
+    rounding = np.random.default_rng(seed).uniform(-1.0, 1.0, vertices.shape)
+    part = Part.from_mesh(vertices + rounding * np.spacing(np.float32(away + 20)), faces, "box")
+    assert part.vertices.shape == (8, 3)
+    assert part.is_closed
+
+
+def test_small_details_are_not_merged() -> None:
+    # A chamfer of a hundredth of a millimetre on a part of 400 mm.
+    mesh = box((400.0, 0.01, 0.01))
+    assert len(Part.from_mesh(mesh.vertices, mesh.faces, "wire").vertices) == 8
+
+
+def test_faces_without_area_and_unused_vertices_are_dropped() -> None:
+    mesh = box()
+    stray = np.vstack([[[900.0, 0.0, 0.0]], mesh.vertices, [[0.0, 700.0, 0.0]]])
+    middle = 0.5 * (stray[1] + stray[2])
+    vertices = np.vstack([stray, middle])
+    faces = np.vstack([[[1, 1, 2]], mesh.faces + 1, [[1, 2, 10]]])
+    part = Part.from_mesh(vertices, faces, "box")
+    np.testing.assert_array_equal(part.vertices, mesh.vertices)
+    np.testing.assert_array_equal(part.faces, mesh.faces)
+
+
+def test_a_closed_mesh_inside_out_is_turned_back() -> None:
+    mesh = box()
+    part = Part.from_mesh(mesh.vertices + 100.0, mesh.faces[:, ::-1], "box")
+    centres = part.vertices[part.faces].mean(axis=1) - part.box_centre
+    assert (np.einsum("ij,ij->i", part.face_normals, centres) > 0.0).all()
+
+
+def test_the_winding_of_an_open_mesh_is_kept() -> None:
+    mesh = box()
+    open_faces = mesh.faces[:10, ::-1]
+    part = Part.from_mesh(mesh.vertices, open_faces, "tray")
+    assert not part.is_closed
+    np.testing.assert_array_equal(part.faces, open_faces)
+
+
+def test_a_cavity_keeps_its_inward_winding() -> None:
+    outer, inner = box(), box((20.0, 10.0, 5.0))
+    faces = np.vstack([outer.faces, inner.faces[:, ::-1] + 8])
+    part = Part.from_mesh(np.vstack([outer.vertices, inner.vertices]), faces, "hollow")
+    np.testing.assert_array_equal(part.faces, faces)
+    assert part.is_closed
+
+
+def test_sizes_and_normals() -> None:
+    mesh = box()
+    part = Part.from_mesh(mesh.vertices + np.array([1.0, 2.0, 3.0]), mesh.faces, "box")
+    np.testing.assert_allclose(part.box_centre, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(part.box_size, [40.0, 20.0, 10.0])
+    assert part.radius == pytest.approx(part.diameter / 2.0)
+    np.testing.assert_allclose(np.linalg.norm(part.face_normals, axis=1), 1.0)
+    np.testing.assert_allclose(part.face_normals, mesh.face_normals, atol=1e-12)
+
+
+def test_a_part_cannot_be_changed() -> None:
+    part = bushing()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        part.diameter = 1.0  # type: ignore[misc]
+    for array in (part.vertices, part.faces, part.box_min, part.box_max, part.face_normals):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_the_hash_of_arrays_follows_their_content() -> None:
+    mesh = box()
+    one, same = (Part.from_mesh(mesh.vertices, mesh.faces, name) for name in ("a", "b"))
+    other = Part.from_mesh(mesh.vertices * 2.0, mesh.faces, "a")
+    assert one.sha256 == same.sha256 != other.sha256
+    assert len(one.sha256) == 64
+    assert one.path is None
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 60), st.sampled_from([0.0, 0.01, 1.0]))
+def test_largest_distance_is_that_of_all_pairs(seed: int, count: int, thickness: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(count, 3)) * [30.0, 20.0, 10.0 * thickness] + rng.normal(size=3) * 100.0
+    pairs = np.linalg.norm(points[:, None] - points, axis=2)
+    assert largest_distance(points) == pytest.approx(pairs.max(), rel=1e-6)
+
+
+def test_largest_distance_of_a_fine_sphere_is_quick() -> None:
+    # Every vertex is on the hull and every pair of opposite ones is a candidate: the worst case.
+    sphere = trimesh.creation.icosphere(5, radius=30.0)
+    assert largest_distance(np.array(sphere.vertices)) == pytest.approx(60.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (np.zeros((0, 3)), np.zeros((0, 3), dtype=int), "no faces"),
+        (np.eye(3) * 9.0, np.zeros((0, 3), dtype=int), "no faces"),
+        (np.eye(3) * 9.0, [[0, 1, 3]], "names vertex 3 of 3"),
+        (np.eye(3) * 9.0, [[0, 1, -1]], "names vertex -1 of 3"),
+        (np.eye(3) * 9.0, [[0, 1, 1]], "zero area"),
+        ([[0, 0, 0], [9, 0, 0], [18, 0, 0]], [[0, 1, 2]], "zero area"),
+        ([[0, 0, 0], [9, np.inf, 0], [18, 9, 0]], [[0, 1, 2]], "is no point"),
+        (np.zeros((4, 2)), [[0, 1, 2]], "must be"),
+        (np.eye(3) * 9.0, [[0, 1, 2, 2]], "must be"),
+    ],
+)
+def test_unusable_arrays(vertices: object, faces: object, message: str) -> None:
+    with pytest.raises(PartError, match=f"part 'bad': .*{message}"):
+        Part.from_mesh(vertices, faces, "bad")  # type: ignore[arg-type]
+
+
+def _info(diameter: float) -> PartInfo:
+    return PartInfo(diameter, np.zeros(3), np.ones(3), Symmetries.none(), Path("models_info.json"))
+
+
+@pytest.mark.parametrize(
+    ("scale", "info_diameter", "message"),
+    [
+        (0.001, None, "looks like metres: scale by 1000"),
+        (1000.0, None, "more than 5 m"),
+        (0.001, 45.83, "the mesh looks like metres: scale by 1000"),
+        (1 / 25.4, 45.83, "the mesh looks like inches: scale by 25.4"),
+        (0.1, 45.83, "the mesh looks like centimetres: scale by 10"),
+        (1000.0, 45.83, "the mesh looks like micrometres: scale by 0.001"),
+        (1.0, 0.04583, "the latter looks like metres"),
+        (1.0, 45.83 / 25.4, "the latter looks like inches"),
+        (1.0, 47.0, "box.stl: .*models_info.json: these are two meshes"),
+        (1.0, 44.5, "box.stl: .*models_info.json: these are two meshes"),
+    ],
+)
+def test_a_wrong_unit_is_noticed(
+    scale: float, info_diameter: float | None, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "box.stl"
+    box((40.0 * scale, 20.0 * scale, 10.0 * scale)).export(path)
+    info = None if info_diameter is None else _info(info_diameter)
+    with pytest.raises(PartError, match=message) as caught:
+        Part.from_file(path, info)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_models_info_has_the_last_word_on_the_diameter(tmp_path: Path) -> None:
+    path = tmp_path / "box.stl"
+    box().export(path)
+    part = Part.from_file(path, dataclasses.replace(_info(46.0), symmetries=Symmetries(np.eye(4)[None])))
+    assert part.diameter == 46.0
+    assert part.symmetries
+
+
+def test_the_shared_parts(shared_data: Path) -> None:
+    for models in sorted(shared_data.glob("*/models")):
+        for number, info in read_models_info(models / "models_info.json").items():
+            path = models / f"obj_{number:06d}.ply"
+            part = Part.from_file(path, info)
+            raw = trimesh.load(path, process=False)
+            # These meshes are clean: reading leaves them alone, so ADD over the vertices is everybody's ADD.
+            np.testing.assert_array_equal(part.vertices, raw.vertices)
+            assert part.is_closed
+            assert part.diameter == pytest.approx(largest_distance(part.vertices), rel=1e-6)
+            np.testing.assert_allclose(part.box_min, info.box_min, atol=1e-5)
+            np.testing.assert_allclose(part.box_max, info.box_max, atol=1e-5)
