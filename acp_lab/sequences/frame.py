@@ -1,0 +1,44 @@
+"""What a sequence yields: a frame, or the note that a frame could not be read.
+
+Convention: images are (h, w, 3) uint8 RGB and undistorted, so their camera has no distortion; pixel (0, 0) is
+the centre of the top-left pixel. The camera belongs to the frame: intrinsics may differ from one to the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from acp_lab.geometry.arrays import ByteImage
+from acp_lab.geometry.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image with its camera.
+
+    index: the image id (`im_id`); ids rise within a sequence, with gaps where images are absent.
+    image: (h, w, 3) uint8 RGB, undistorted.
+    camera: the pinhole camera of this image, of the image's size.
+    time_s: when the image was taken, seconds from the start of the sequence; None when nobody knows.
+    undistort_s: wall seconds spent on removing lens distortion; it counts as tracking time, decoding does
+    not.
+    """
+
+    index: int
+    image: ByteImage
+    camera: Camera
+    time_s: float | None = None
+    undistort_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class UnreadableFrame:
+    """A frame whose image is damaged, missing or of another size: yielded in its place, never raised.
+
+    index: the image id. camera: its pinhole camera, None when that is unknown too.
+    reason: one line for a warning, naming the file where there is one.
+    """
+
+    index: int
+    camera: Camera | None
+    reason: str

@@ -1,0 +1,131 @@
+"""One image file to one RGB array, or one line that says why not.
+
+Convention: the result is (h, w, 3) uint8 RGB. Grey images get three equal channels, transparency is dropped,
+16-bit images are scaled from their full range to 8 bits. Rotation notes of cameras (EXIF) are not obeyed:
+a calibration belongs to the pixels as they are stored.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from acp_lab.errors import InputFileError
+from acp_lab.geometry.arrays import ByteImage
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+
+_PNG_START = b"\x89PNG\r\n\x1a\n"
+_JPEG_START = b"\xff\xd8"
+_JPEG_END = b"\xff\xd9"
+_TWELVE_BITS = 4095
+
+
+def read_rgb(path: Path) -> ByteImage:
+    """Decode an image file into (h, w, 3) uint8 RGB.
+
+    Raises InputFileError for a file that is missing, empty, cut short or damaged, for pixels that are neither
+    8 nor 16 bits, and for 16-bit images that use 12 bits or fewer: no fixed scaling would suit them.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputFileError(f"{path}: no such image: put it back, or remove what refers to it") from None
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be read ({error.strerror}): check the file") from None
+    damage = _damage(data)
+    pixels = None
+    if damage is None:
+        with quiet_cv2():
+            pixels = _decode(data)
+    if pixels is None:
+        raise InputFileError(f"{path}: {damage or 'cannot be decoded as an image'}: replace or remove it")
+    return _to_rgb(_to_bytes(pixels, path), path)
+
+
+@contextmanager
+def quiet_cv2() -> Iterator[None]:
+    """Keep OpenCV's own warnings off stderr: what matters in them is said in our errors, in one line."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _decode(data: bytes) -> np.ndarray | None:
+    try:
+        # Typed as never None, but None is how imdecode says "no image".
+        pixels: np.ndarray | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None
+    return pixels
+
+
+def _to_bytes(pixels: np.ndarray, path: Path) -> ByteImage:
+    if pixels.dtype == np.uint8:
+        return pixels
+    if pixels.dtype != np.uint16:
+        raise InputFileError(f"{path}: pixels are {pixels.dtype}: convert the image to 8-bit RGB")
+    # Sensors of 10 or 12 bits are often stored so; scaled from 16 they would come out black.
+    if pixels.max() <= _TWELVE_BITS:
+        raise InputFileError(
+            f"{path}: 16-bit image with values up to {pixels.max()} only: convert the sequence to 8-bit RGB"
+        )
+    return ((pixels.astype(np.uint32) + 128) // 257).astype(np.uint8)
+
+
+def _to_rgb(pixels: ByteImage, path: Path) -> ByteImage:
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    codes = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}
+    if channels not in codes:
+        raise InputFileError(f"{path}: image has {channels} channels: convert it to 8-bit RGB")
+    return np.asarray(cv2.cvtColor(pixels, codes[channels]), dtype=np.uint8)
+
+
+def _damage(data: bytes) -> str | None:
+    """What is wrong with the bytes of an image file, as far as its container tells; None when nothing is.
+
+    The decoders find most of it too, but their C code prints to stderr on the way, and for some damage
+    hands back a half grey picture as if all were well.
+    """
+    if not data:
+        return "the file is empty"
+    if data.startswith(_PNG_START):
+        return _png_damage(data)
+    if data.startswith(_JPEG_START):
+        return _jpeg_damage(data)
+    return None
+
+
+def _png_damage(data: bytes) -> str | None:
+    # Chunks: length (4), name (4), content, CRC-32 of name and content (4).
+    at = len(_PNG_START)
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if end + 4 > len(data):
+            break
+        if zlib.crc32(memoryview(data)[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return "damaged PNG (a check sum is wrong)"
+        if data[at + 4 : at + 8] == b"IEND":
+            return None
+        at = end + 4
+    return "PNG is cut short"
+
+
+def _jpeg_damage(data: bytes) -> str | None:
+    # Headers are skipped segment by segment: a thumbnail inside them has an end mark of its own.
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xDA:
+            return None if data.find(_JPEG_END, at) >= 0 else "JPEG is cut short"
+        # 0xFF before a marker is padding; the others have a length.
+        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return "JPEG is cut short or damaged"

@@ -1,0 +1,224 @@
+"""Your own pictures as sequences: a folder of images, a video file, a live camera.
+
+Convention: scene 1, object 1, image ids from 0. All images share one `Camera` (CAMERA.json), whose lens
+distortion is removed here, once: the frames carry the pinhole camera. A camera of another image size is
+refused. There is no truth in these sequences, so the start pose comes from elsewhere (POSE.json).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from acp_lab.errors import InputFileError, SequenceError
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.camera import Camera, Undistorter
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.image_file import IMAGE_SUFFIXES, quiet_cv2, read_rgb
+from acp_lab.sequences.protocol import at_most
+
+# FFmpeg inside OpenCV prints to stderr on its own; it reads this once, at its first use in the process.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+_FAILURES_IN_A_ROW = 30
+"""Live images that may fail, one second's worth, before a camera is taken for unplugged."""
+_UNCOUNTED = 2
+"""Frames by which the headers of sound videos are off."""
+
+
+class _OwnImages:
+    """What the three sources share: one camera, no truth, frames undistorted as they come."""
+
+    scene_id = 1
+    object_ids: tuple[int, ...] = (1,)
+    frame_ids: tuple[int, ...] = ()
+
+    def __init__(self, name: str, camera: Camera) -> None:
+        self.name = name
+        self.camera = camera
+        self._undistort = Undistorter(camera)
+
+    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+        """The frames from the first on, read one at a time, at most max_frames; each call starts anew."""
+        return at_most(self._read(), max_frames)
+
+    def truth(self, frame_id: int, object_id: int) -> FloatArray | None:
+        """None: nobody measured these."""
+        return None
+
+    @property
+    def first_poses(self) -> Mapping[int, FloatArray]:
+        """Always SequenceError."""
+        raise SequenceError(f"{self.name}: has no true poses: give a start pose, as read_pose('POSE.json')")
+
+    @property
+    def first_pose(self) -> FloatArray:
+        """Always SequenceError."""
+        raise SequenceError(f"{self.name}: has no true pose: give a start pose, as read_pose('POSE.json')")
+
+    def _read(self) -> Iterator[Frame | UnreadableFrame]:
+        raise NotImplementedError
+
+    def _frame(self, index: int, image: ByteImage, source: str, time_s: float | None = None) -> Frame | UnreadableFrame:
+        misfit = self._misfit(image, source)
+        if misfit is not None:
+            return self._unreadable(index, misfit)
+        start = time.perf_counter()
+        straight = self._undistort(image)
+        return Frame(index, straight, self.camera.pinhole(), time_s, time.perf_counter() - start)
+
+    def _unreadable(self, index: int, reason: str) -> UnreadableFrame:
+        return UnreadableFrame(index, self.camera.pinhole(), reason)
+
+    def _check_first(self, image: ByteImage, source: str) -> None:
+        misfit = self._misfit(image, source)
+        if misfit is not None:
+            raise InputFileError(misfit)
+        # Makes the tables of the undistortion, so that the first frame's clock does not run for them.
+        self._undistort(image)
+
+    def _misfit(self, image: ByteImage, source: str) -> str | None:
+        height, width = image.shape[:2]
+        if (width, height) == (self.camera.width, self.camera.height):
+            return None
+        return (
+            f"{source}: image is {width} x {height} px but the camera is {self.camera.width} x "
+            f"{self.camera.height}: give the camera of these images"
+        )
+
+
+class ImageFolder(_OwnImages):
+    """The images of a folder, in natural order of their names: 2.png before 10.png.
+
+    Raises InputFileError for a folder that is missing, a first image that cannot be read or is not of the
+    camera's size, SequenceError for a folder without images.
+    """
+
+    def __init__(self, folder: str | Path, camera: Camera) -> None:
+        self.folder = Path(folder)
+        if not self.folder.is_dir():
+            raise InputFileError(f"{self.folder}: no such folder: give a folder of images")
+        super().__init__(Path(os.path.abspath(self.folder)).name, camera)
+        files = [path for path in self.folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+        self.image_paths = tuple(sorted(files, key=lambda path: _natural(path.name)))
+        if not self.image_paths:
+            raise SequenceError(f"{self.folder}: holds no images: put {', '.join(IMAGE_SUFFIXES)} there")
+        self.frame_ids = tuple(range(len(self.image_paths)))
+        self._check_first(read_rgb(self.image_paths[0]), str(self.image_paths[0]))
+
+    def _read(self) -> Iterator[Frame | UnreadableFrame]:
+        for index, path in enumerate(self.image_paths):
+            try:
+                image = read_rgb(path)
+            except InputFileError as error:
+                yield self._unreadable(index, str(error))
+            else:
+                yield self._frame(index, image, str(path))
+
+
+class VideoFile(_OwnImages):
+    """The frames of a video file, turned upright where its header says so.
+
+    frame_ids: as many as the header announces, which is exact for most files and a guess for some.
+    A file that ends well before that is cut short: its last frame is an UnreadableFrame that says so.
+    Raises InputFileError for a file that is missing, no video, or not of the camera's size.
+    """
+
+    def __init__(self, path: str | Path, camera: Camera) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise InputFileError(f"{self.path}: no such video file: give a video, or a folder of images")
+        super().__init__(self.path.name, camera)
+        with _capture(str(self.path), cv2.CAP_FFMPEG) as video:
+            found, image = video.read()
+            if not found:
+                raise InputFileError(f"{self.path}: cannot be decoded as a video: convert it, as to H.264")
+            # Streams without an index announce nothing, or a negative number.
+            self.frame_ids = tuple(range(max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))))
+        self._check_first(np.asarray(image, np.uint8), str(self.path))
+
+    def _read(self) -> Iterator[Frame | UnreadableFrame]:
+        index = 0
+        with _capture(str(self.path), cv2.CAP_FFMPEG) as video:
+            while True:
+                found, image = video.read()
+                if not found:
+                    break
+                # After a read, the position is the time stamp of the frame just read.
+                time_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+                yield self._frame(index, _rgb(image), str(self.path), time_s)
+                index += 1
+        announced = len(self.frame_ids)
+        if index + _UNCOUNTED < announced:
+            yield self._unreadable(
+                index, f"{self.path}: ends after {index} of the {announced} frames that its header announces"
+            )
+
+
+class CameraDevice(_OwnImages):
+    """A live camera by its number; endless until the loop is left, so frame_ids is empty.
+
+    The device is opened by `frames()` and closed when its iterator ends or is closed. time_s counts from
+    there. Raises SequenceError when there is no such device, when it does not deliver the camera's image
+    size, or when it stops delivering.
+    """
+
+    def __init__(self, index: int, camera: Camera) -> None:
+        super().__init__(f"camera {index}", camera)
+        self.index = index
+
+    def _read(self) -> Iterator[Frame | UnreadableFrame]:
+        with _capture(self.index, cv2.CAP_ANY) as device:
+            if not device.isOpened():
+                raise SequenceError(f"{self.name}: cannot be opened: check its number, its cable and who else uses it")
+            device.set(cv2.CAP_PROP_FRAME_WIDTH, self.camera.width)
+            device.set(cv2.CAP_PROP_FRAME_HEIGHT, self.camera.height)
+            start = time.perf_counter()
+            index = failures = 0
+            while failures < _FAILURES_IN_A_ROW:
+                found, image = device.read()
+                if found:
+                    time_s = time.perf_counter() - start
+                    misfit = self._misfit(np.asarray(image, np.uint8), self.name)
+                    if misfit is not None:
+                        raise SequenceError(misfit)
+                    failures = 0
+                    yield self._frame(index, _rgb(image), self.name, time_s)
+                else:
+                    failures += 1
+                    yield self._unreadable(index, f"{self.name}: gave no image")
+                index += 1
+        raise SequenceError(f"{self.name}: stopped giving images: check its cable and start again")
+
+
+def open_images(path: str | Path, camera: Camera) -> ImageFolder | VideoFile:
+    """The images of a folder, or the frames of a video file; errors as in the two classes."""
+    return ImageFolder(path, camera) if Path(path).is_dir() else VideoFile(path, camera)
+
+
+@contextmanager
+def _capture(source: str | int, backend: int) -> Iterator[cv2.VideoCapture]:
+    """An opened cv2 capture that is released whatever happens, and that keeps its libraries off stderr."""
+    with quiet_cv2():
+        capture = cv2.VideoCapture(source, backend)  # type: ignore[call-overload]
+    try:
+        yield capture
+    finally:
+        capture.release()
+
+
+def _rgb(image: np.ndarray) -> ByteImage:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _natural(name: str) -> tuple[list[str | int], str]:
+    # Text and numbers alternate, so equal places always hold the same type; the name itself breaks ties.
+    parts = re.split("([0-9]+)", name.lower())
+    return [int(part) if i % 2 else part for i, part in enumerate(parts)], name

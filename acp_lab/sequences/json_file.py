@@ -1,0 +1,104 @@
+"""Reading the small JSON files around a sequence, with errors that name file, value and mend.
+
+Convention: poses are told in BOP's words, `cam_R_m2c` (nine numbers, row by row) and `cam_t_m2c` (mm), which
+are the rotation and translation of cam_T_obj.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from acp_lab.errors import GeometryError, InputFileError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import check_rotation, make_pose
+
+LARGEST_NUMBER = 1e9
+"""No pose or camera holds a larger one (in mm: 1000 km); such a number is as wrong as infinity."""
+
+_POSE_EXAMPLE = '{"cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_m2c": [0, 0, 500]}'
+
+
+def read_json_object(path: Path, mend: str) -> dict[str, Any]:
+    """The JSON object that a file holds; InputFileError, ending in `mend`, when it holds none."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputFileError(f"{path}: no such file: {mend}") from None
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be read ({error.strerror}): {mend}") from None
+    except UnicodeDecodeError:
+        raise InputFileError(f"{path}: no text in UTF-8: {mend}") from None
+    if not text.strip():
+        raise InputFileError(f"{path}: the file is empty: {mend}")
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputFileError(f"{path}: not valid JSON ({reason}): {mend}") from None
+    if not isinstance(values, dict):
+        raise InputFileError(f"{path}: holds no JSON object: {mend}")
+    return values
+
+
+def numbers(values: object, count: int, where: str) -> FloatArray:
+    """(count,) float64 of a JSON list of finite numbers; InputFileError naming `where` otherwise."""
+    if not isinstance(values, list) or len(values) != count:
+        raise InputFileError(f"{where} is {shown(values)}: give a list of {count} numbers")
+    for value in values:
+        # bool is an int in Python; NaN and Infinity are numbers to its JSON reader.
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_NUMBER:
+            raise InputFileError(f"{where} holds {shown(value)}: give {count} finite numbers")
+    return np.array(values, dtype=np.float64)
+
+
+def pose_of(values: object, where: str) -> FloatArray:
+    """cam_T_obj (4, 4) of {"cam_R_m2c": [9], "cam_t_m2c": [3]}; InputFileError naming `where` otherwise."""
+    if not isinstance(values, dict):
+        raise InputFileError(f"{where} is {shown(values)}: write a pose as {_POSE_EXAMPLE}")
+    missing = [key for key in ("cam_R_m2c", "cam_t_m2c") if key not in values]
+    if missing:
+        raise InputFileError(f"{where} lacks {' and '.join(missing)}: write a pose as {_POSE_EXAMPLE}")
+    matrix = numbers(values["cam_R_m2c"], 9, f"{where}: cam_R_m2c").reshape(3, 3)
+    translation = numbers(values["cam_t_m2c"], 3, f"{where}: cam_t_m2c")
+    try:
+        return make_pose(check_rotation(matrix, f"{where}: cam_R_m2c"), translation)
+    except GeometryError as error:
+        raise InputFileError(str(error)) from None
+
+
+def read_pose(path: str | Path) -> FloatArray:
+    """cam_T_obj (4, 4) of a POSE.json; raises InputFileError, one line, for whatever is wrong with the
+    file."""
+    path = Path(path)
+    return pose_of(read_json_object(path, f"write the start pose as {_POSE_EXAMPLE}"), f"{path}: the pose")
+
+
+def write_json(path: str | Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON object whole or not at all; InputFileError when the place cannot be written.
+
+    NaN and infinity are not JSON: they raise ValueError, for the caller to say what stands for them.
+    """
+    path = Path(path)
+    text = json.dumps(values, indent=2, allow_nan=False) + "\n"
+    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(text, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink()
+        raise InputFileError(f"{path}: cannot be written ({error.strerror}): choose another place") from None
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it: on one line, cut when long."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,210 @@
+"""Results in the BOP format: one line per frame and object, which every tool of that field reads.
+
+    scene_id,im_id,obj_id,score,R,t,time
+
+Convention: R is nine numbers row by row, t three in mm, both separated by spaces, together cam_T_obj; score
+is the quality in [0, 1]; time is wall seconds from the decoded frame to the pose, negative when unknown.
+Source of the format: BOP challenge, "Format of results". Numbers are written so that they read back exactly.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from acp_lab.errors import GeometryError, InputFileError, SequenceError, TrackingError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import check_rotation, make_pose
+from acp_lab.sequences.json_file import LARGEST_NUMBER, shown, write_json
+
+HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
+
+
+@dataclass(frozen=True, eq=False)
+class ResultRow:
+    """The pose of one object in one image: cam_T_obj (4, 4) mm, score in [0, 1], time_s < 0 when unknown."""
+
+    scene_id: int
+    im_id: int
+    obj_id: int
+    score: float
+    cam_T_obj: FloatArray
+    time_s: float = -1.0
+
+    @property
+    def key(self) -> tuple[int, int, int]:
+        """(scene_id, im_id, obj_id): one row each."""
+        return self.scene_id, self.im_id, self.obj_id
+
+
+class ResultsWriter:
+    """Writes a results file row by row, so that an interrupted run leaves what it had.
+
+    `with ResultsWriter("results.csv", run_info) as results: results.append(row)`. Both files are replaced
+    when the writer is made: the CSV by its header alone, `results.run.json` beside it by run_info (any
+    mapping that JSON can hold: configuration, versions, machine). Folders on the way are made.
+    Raises InputFileError when a file cannot be written.
+    """
+
+    def __init__(self, path: str | Path, run_info: Mapping[str, Any] | None = None) -> None:
+        self.path = Path(path)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("w", encoding="utf-8", newline="\n")
+        except OSError as error:
+            raise self._failure(error) from None
+        try:
+            self._write(",".join(HEADER))
+            if run_info is None:
+                # Of an older run; it would describe rows that are gone.
+                with suppress(FileNotFoundError):
+                    run_info_path(self.path).unlink()
+            else:
+                self.write_run_info(run_info)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def append(self, row: ResultRow) -> None:
+        """Write one row and hand it to the operating system; TrackingError for numbers that are no result."""
+        numbers = (row.score, row.time_s, *row.cam_T_obj[:3].ravel())
+        if not all(math.isfinite(number) for number in numbers) or not 0.0 <= row.score <= 1.0:
+            raise TrackingError(
+                f"scene {row.scene_id}, image {row.im_id}, object {row.obj_id}: score {row.score} must be in "
+                "[0, 1], pose and time finite: report this"
+            )
+        rotation = " ".join(repr(float(value)) for value in row.cam_T_obj[:3, :3].ravel())
+        translation = " ".join(repr(float(value)) for value in row.cam_T_obj[:3, 3])
+        score, time_s = repr(float(row.score)), repr(float(row.time_s))
+        self._write(f"{row.scene_id},{row.im_id},{row.obj_id},{score},{rotation},{translation},{time_s}")
+
+    def write_run_info(self, run_info: Mapping[str, Any]) -> None:
+        """Replace `results.run.json`, whole or not at all; for what is known only at the end."""
+        write_json(run_info_path(self.path), run_info)
+
+    def close(self) -> None:
+        """Close the file; a second call does nothing."""
+        self._file.close()
+
+    def __enter__(self) -> ResultsWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _write(self, line: str) -> None:
+        try:
+            self._file.write(line + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise self._failure(error) from None
+
+    def _failure(self, error: OSError) -> InputFileError:
+        return InputFileError(f"{self.path}: cannot be written ({error.strerror}): choose another place")
+
+
+def run_info_path(results_path: Path) -> Path:
+    """`results.run.json` of `results.csv`: where the configuration of a run stands."""
+    return results_path.with_suffix(".run.json")
+
+
+def read_results(path: str | Path) -> tuple[ResultRow, ...]:
+    """Read a results file; rotations come back orthonormal.
+
+    Raises InputFileError, one line naming file, line, value and mend, for a file that is missing or malformed
+    and for a second row of the same scene, image and object.
+    """
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return _read_rows(path, file)
+    except FileNotFoundError:
+        raise InputFileError(f"{path}: no such results file: check the path, or run acp-lab track") from None
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be read ({error.strerror}): give a results CSV file") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        reason = str(error).splitlines()[0]
+        raise InputFileError(f"{path}: no CSV text ({reason}): give {','.join(HEADER)}") from None
+
+
+def start_poses(path: str | Path, scene_id: int, frame_id: int) -> dict[int, FloatArray]:
+    """cam_T_obj (4, 4) by object id that a results file (POSES.csv) tells for one image.
+
+    Raises InputFileError as `read_results` does, SequenceError when the image is not in the file.
+    """
+    rows = [row for row in read_results(path) if (row.scene_id, row.im_id) == (scene_id, frame_id)]
+    if not rows:
+        raise SequenceError(
+            f"{path}: no row for scene {scene_id}, image {frame_id}: add the start poses of its objects"
+        )
+    return {row.obj_id: row.cam_T_obj for row in sorted(rows, key=lambda row: row.obj_id)}
+
+
+def _read_rows(path: Path, lines: Iterable[str]) -> tuple[ResultRow, ...]:
+    reader = csv.reader(lines)
+    header = next(reader, None)
+    if header is None:
+        raise InputFileError(f"{path}: the file is empty: its first line must be {','.join(HEADER)}")
+    if tuple(name.strip() for name in header) != HEADER:
+        raise InputFileError(f"{path}: line 1 is {shown(','.join(header))}: it must be {','.join(HEADER)}")
+    rows: list[ResultRow] = []
+    first_line: dict[tuple[int, int, int], int] = {}
+    for fields in reader:
+        if not fields:
+            continue  # an empty line, as some editors leave at the end
+        where = f"{path}: line {reader.line_num}"
+        row = _row(fields, where)
+        if row.key in first_line:
+            raise InputFileError(
+                f"{where}: scene {row.scene_id}, image {row.im_id}, object {row.obj_id} stands in line "
+                f"{first_line[row.key]} already: keep one row"
+            )
+        first_line[row.key] = reader.line_num
+        rows.append(row)
+    return tuple(rows)
+
+
+def _row(fields: list[str], where: str) -> ResultRow:
+    if len(fields) != len(HEADER):
+        raise InputFileError(
+            f"{where} has {len(fields)} fields, not {len(HEADER)}: write {','.join(HEADER)}, or remove it"
+        )
+    ids = [_id(text, f"{where}: {name}") for name, text in zip(HEADER[:3], fields[:3], strict=True)]
+    score = float(_numbers(fields[3], 1, f"{where}: score")[0])
+    matrix = _numbers(fields[4], 9, f"{where}: R").reshape(3, 3)
+    translation = _numbers(fields[5], 3, f"{where}: t")
+    time_s = float(_numbers(fields[6], 1, f"{where}: time")[0])
+    try:
+        rotation = check_rotation(matrix, f"{where}: R")
+    except GeometryError as error:
+        raise InputFileError(str(error)) from None
+    return ResultRow(ids[0], ids[1], ids[2], score, make_pose(rotation, translation), time_s)
+
+
+def _id(text: str, where: str) -> int:
+    text = text.strip()
+    if not (text.isascii() and text.isdigit() and len(text) < 19):
+        raise InputFileError(f"{where} is {shown(text)}: give a whole number from 0")
+    return int(text)
+
+
+def _numbers(text: str, count: int, where: str) -> FloatArray:
+    words = text.split()
+    what = "a finite number" if count == 1 else f"{count} finite numbers separated by spaces"
+    try:
+        values = np.array([float(word) for word in words], dtype=np.float64)
+    except ValueError:
+        raise InputFileError(f"{where} is {shown(text)}: give {what}") from None
+    if len(values) != count or not (np.abs(values) <= LARGEST_NUMBER).all():
+        raise InputFileError(f"{where} is {shown(text)}: give {what}")
+    return values

@@ -1,0 +1,70 @@
+"""The true poses of a BOP scene: scene_gt.json, read and checked once.
+
+Convention: BOP's cam_R_m2c and cam_t_m2c (model to camera, mm) are our cam_T_obj.
+Source of the format: BOP toolkit, docs/bop_datasets_format.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from acp_lab.errors import InputFileError, SequenceError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.sequences.json_file import pose_of, read_json_object, shown
+
+_MEND = 'it lists per image the poses [{"cam_R_m2c": [9], "cam_t_m2c": [3], "obj_id": 1}]'
+
+
+class SceneTruth:
+    """True poses by (image id, object id); at most one instance of an object in an image."""
+
+    def __init__(self, poses: Mapping[tuple[int, int], FloatArray]) -> None:
+        self._poses = dict(poses)
+        self.object_ids: tuple[int, ...] = tuple(sorted({object_id for _, object_id in self._poses}))
+        """Every object that some image shows."""
+
+    @classmethod
+    def from_file(cls, path: Path) -> SceneTruth:
+        """Read scene_gt.json whole.
+
+        Raises InputFileError when it is missing or malformed, SequenceError when an image shows two instances
+        of one object: nothing could tell their tracks apart.
+        """
+        poses: dict[tuple[int, int], FloatArray] = {}
+        for key, entries in read_json_object(path, _MEND).items():
+            frame_id = as_id(key, f"{path}: the image id")
+            if not isinstance(entries, list):
+                raise InputFileError(f"{path}: image {frame_id} has no list of poses: {_MEND}")
+            for entry in entries:
+                where = f"{path}: image {frame_id}"
+                if not isinstance(entry, dict) or "obj_id" not in entry:
+                    raise InputFileError(f"{where} has a pose without obj_id: {_MEND}")
+                object_id = as_id(entry["obj_id"], f"{where}: obj_id")
+                pose = pose_of(entry, f"{where}, object {object_id}")
+                if (frame_id, object_id) in poses:
+                    raise SequenceError(
+                        f"{where} shows object {object_id} more than once: give the instances different ids, "
+                        "or drop one"
+                    )
+                poses[frame_id, object_id] = pose
+        return cls(poses)
+
+    def pose(self, frame_id: int, object_id: int) -> FloatArray | None:
+        """cam_T_obj (4, 4), a copy, or None when the file has none."""
+        pose = self._poses.get((frame_id, object_id))
+        return None if pose is None else pose.copy()
+
+    def in_frame(self, frame_id: int) -> dict[int, FloatArray]:
+        """cam_T_obj (4, 4) by object id, ids rising; empty when the image has no truth."""
+        found = {object_id: self.pose(frame_id, object_id) for object_id in self.object_ids}
+        return {object_id: pose for object_id, pose in found.items() if pose is not None}
+
+
+def as_id(value: object, where: str) -> int:
+    """A whole number from 0 of a JSON key or value; InputFileError naming `where` otherwise."""
+    if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
+        return value
+    if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 19:
+        return int(value)
+    raise InputFileError(f"{where} is {shown(value)}: give a whole number from 0")

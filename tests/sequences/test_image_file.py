@@ -1,0 +1,114 @@
+"""Image files: what is converted, what is refused, and that damage is always noticed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from acp_lab.errors import InputFileError
+from acp_lab.sequences.image_file import read_rgb
+
+RNG = np.random.default_rng(0)
+COLOUR = RNG.integers(0, 256, (20, 30, 3), dtype=np.uint8)
+
+
+def _write(path: Path, image: np.ndarray) -> Path:
+    assert cv2.imwrite(str(path), image)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif"])
+def test_lossless_colour_comes_back_as_rgb(tmp_path: Path, suffix: str) -> None:
+    image = read_rgb(_write(tmp_path / f"a{suffix}", COLOUR[..., ::-1]))
+    assert image.dtype == np.uint8
+    np.testing.assert_array_equal(image, COLOUR)
+
+
+def test_jpeg_channels_are_in_rgb_order(tmp_path: Path) -> None:
+    red = np.zeros((16, 16, 3), np.uint8)
+    red[..., 2] = 250  # BGR, as cv2 writes
+    image = read_rgb(_write(tmp_path / "a.jpg", red))
+    assert image[..., 0].min() > 240
+    assert image[..., 1:].max() < 10
+
+
+def test_grey_and_transparent_images_become_three_channels(tmp_path: Path) -> None:
+    grey = read_rgb(_write(tmp_path / "grey.png", COLOUR[..., 0]))
+    np.testing.assert_array_equal(grey, np.repeat(COLOUR[..., :1], 3, axis=2))
+    rgba = np.dstack([COLOUR[..., ::-1], COLOUR[..., 0]])
+    np.testing.assert_array_equal(read_rgb(_write(tmp_path / "rgba.png", rgba)), COLOUR)
+
+
+def test_16_bit_images_are_scaled_from_their_full_range(tmp_path: Path) -> None:
+    wide = COLOUR[..., ::-1].astype(np.uint16) * 257
+    np.testing.assert_array_equal(read_rgb(_write(tmp_path / "wide.png", wide)), COLOUR)
+    grey = read_rgb(_write(tmp_path / "grey.png", wide[..., 2]))
+    np.testing.assert_array_equal(grey[..., 1], COLOUR[..., 0])
+
+
+def test_12_bits_in_16_are_refused_with_the_mend(tmp_path: Path) -> None:
+    path = _write(tmp_path / "dark.png", COLOUR[..., 0].astype(np.uint16) * 16)
+    with pytest.raises(InputFileError, match=r"dark\.png: 16-bit image with values up to \d+ only: convert"):
+        read_rgb(path)
+
+
+def test_float_images_are_refused(tmp_path: Path) -> None:
+    path = _write(tmp_path / "a.tif", COLOUR[..., 0].astype(np.float32))
+    with pytest.raises(InputFileError, match="pixels are float32: convert"):
+        read_rgb(path)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("kept", [0.02, 0.3, 0.6, 0.97])
+def test_files_cut_short_are_noticed_without_a_word_on_stderr(
+    tmp_path: Path, suffix: str, kept: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = _write(tmp_path / f"a{suffix}", COLOUR)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(kept * len(data))])
+    with pytest.raises(InputFileError, match=r"cut short|damaged|cannot be decoded"):
+        read_rgb(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_flipped_byte_in_a_png_is_noticed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = _write(tmp_path / "a.png", COLOUR)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(InputFileError, match="check sum"):
+        read_rgb(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_jpeg_thumbnail_does_not_hide_that_the_picture_is_cut(tmp_path: Path) -> None:
+    data = _write(tmp_path / "a.jpg", COLOUR).read_bytes()
+    thumbnail = b"Exif\0\0" + data
+    segment = b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail
+    whole = tmp_path / "whole.jpg"
+    whole.write_bytes(data[:2] + segment + data[2:])
+    assert read_rgb(whole).shape == COLOUR.shape
+    cut = tmp_path / "cut.jpg"
+    cut.write_bytes(data[:2] + segment + data[2:-40])
+    with pytest.raises(InputFileError, match="cut short"):
+        read_rgb(cut)
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"])
+def test_other_content_is_one_line_naming_the_file(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(content)
+    with pytest.raises(InputFileError) as error:
+        read_rgb(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_files_and_folders(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match="no such image"):
+        read_rgb(tmp_path / "none.png")
+    with pytest.raises(InputFileError, match="cannot be read"):
+        read_rgb(tmp_path)

@@ -1,0 +1,231 @@
+"""Folders of images, videos and live cameras: order, colours, distortion, damage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from acp_lab.errors import InputFileError, SequenceError
+from acp_lab.geometry.camera import Camera, Undistorter
+from acp_lab.sequences import (
+    CameraDevice,
+    Frame,
+    ImageFolder,
+    Sequence,
+    UnreadableFrame,
+    VideoFile,
+    open_images,
+)
+from tests.sequences.tiny_dataset import HEIGHT, WIDTH, write_image
+
+CAMERA = Camera(WIDTH, HEIGHT, 80.0, 81.0, 31.5, 23.5)
+BENT = Camera(WIDTH, HEIGHT, 80.0, 81.0, 31.5, 23.5, (-0.3, 0.1, 0.0, 0.0, 0.0))
+
+
+def _folder(path: Path, names: tuple[str, ...]) -> Path:
+    path.mkdir()
+    for i, name in enumerate(names):
+        write_image(path / name, 10 * i)
+    return path
+
+
+def _video(path: Path, count: int = 10) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (WIDTH, HEIGHT))
+    assert writer.isOpened()
+    for i in range(count):
+        image = np.full((HEIGHT, WIDTH, 3), 20 * i, np.uint8)
+        image[:, : WIDTH // 2] = (0, 0, 220)  # red, as BGR
+        writer.write(image)
+    writer.release()
+    return path
+
+
+def test_a_folder_is_read_in_natural_order_and_numbered_from_0(tmp_path: Path) -> None:
+    names = ("img2.png", "img10.png", "IMG11.png", "img100.png")
+    folder = _folder(tmp_path / "clip", names)
+    (folder / "notes.txt").write_text("no image")
+    images = ImageFolder(folder, CAMERA)
+    assert [path.name for path in images.image_paths] == list(names)
+    assert (images.name, images.scene_id, images.object_ids) == ("clip", 1, (1,))
+    assert images.frame_ids == (0, 1, 2, 3)
+    frames = list(images.frames())
+    assert [frame.index for frame in frames] == [0, 1, 2, 3]
+    for i, frame in enumerate(frames):
+        assert isinstance(frame, Frame)
+        assert frame.image[0, 0].tolist() == [200, 0, 0]
+        assert frame.image[0, -1, 0] == 10 * i
+    assert len(list(images.frames(2))) == 2
+
+
+def test_frames_are_undistorted_once_and_carry_the_pinhole_camera(tmp_path: Path) -> None:
+    folder = _folder(tmp_path / "clip", ("0.png", "1.png"))
+    texture = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    for path in folder.iterdir():
+        cv2.imwrite(str(path), texture)
+    straight = list(ImageFolder(folder, CAMERA).frames())
+    bent = list(ImageFolder(folder, BENT).frames())
+    for plain, corrected in zip(straight, bent, strict=True):
+        assert isinstance(plain, Frame)
+        assert isinstance(corrected, Frame)
+        assert corrected.camera == BENT.pinhole()
+        np.testing.assert_array_equal(corrected.image, Undistorter(BENT)(plain.image))
+        assert (corrected.image != plain.image).any()
+        assert corrected.undistort_s > 0.0
+
+
+def test_a_damaged_or_misfitting_image_in_the_middle_is_yielded(tmp_path: Path) -> None:
+    folder = _folder(tmp_path / "clip", ("0.png", "1.png", "2.png", "3.png"))
+    (folder / "1.png").write_bytes(b"")
+    write_image(folder / "2.png", width=40)
+    frames = list(ImageFolder(folder, BENT).frames())
+    assert [type(frame) for frame in frames] == [Frame, UnreadableFrame, UnreadableFrame, Frame]
+    assert isinstance(frames[1], UnreadableFrame)
+    assert isinstance(frames[2], UnreadableFrame)
+    assert frames[1].camera == BENT.pinhole()
+    assert "1.png: the file is empty" in frames[1].reason
+    assert "2.png: image is 40 x 48 px but the camera is 64 x 48" in frames[2].reason
+
+
+def test_a_camera_of_another_size_is_refused(tmp_path: Path) -> None:
+    other = Camera(32, 24, 40.0, 40.0, 15.5, 11.5)
+    folder = _folder(tmp_path / "clip", ("0.png",))
+    with pytest.raises(InputFileError, match="64 x 48 px but the camera is 32 x 24: give the camera"):
+        ImageFolder(folder, other)
+    with pytest.raises(InputFileError, match=r"clip\.mp4: image is 64 x 48 px but the camera is 32 x 24"):
+        VideoFile(_video(tmp_path / "clip.mp4"), other)
+
+
+def test_folders_without_images(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match="no such folder"):
+        ImageFolder(tmp_path / "none", CAMERA)
+    with pytest.raises(SequenceError, match="holds no images"):
+        ImageFolder(tmp_path, CAMERA)
+    (tmp_path / "0.png").write_bytes(b"junk")
+    with pytest.raises(InputFileError, match=r"0\.png"):
+        ImageFolder(tmp_path, CAMERA)
+
+
+def test_a_video_yields_rgb_frames_with_times(tmp_path: Path) -> None:
+    video = VideoFile(_video(tmp_path / "clip.mp4"), CAMERA)
+    assert video.frame_ids == tuple(range(10))
+    for _ in range(2):  # each call starts anew
+        frames = list(video.frames())
+        assert [frame.index for frame in frames] == list(range(10))
+        for i, frame in enumerate(frames):
+            assert isinstance(frame, Frame)
+            assert frame.time_s == pytest.approx(i / 25.0, abs=1e-3)
+            red, green, blue = frame.image[HEIGHT // 2, 4].astype(int)
+            assert red > 180 > 60 > max(green, blue)
+            assert abs(int(frame.image[HEIGHT // 2, -4, 1]) - 20 * i) < 12
+    assert [frame.index for frame in video.frames(3)] == [0, 1, 2]
+
+
+def test_a_video_that_ends_early_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    video = VideoFile(_video(tmp_path / "clip.mp4"), CAMERA)
+    monkeypatch.setattr(video, "frame_ids", tuple(range(40)))
+    frames = list(video.frames())
+    assert len(frames) == 11
+    last = frames[-1]
+    assert isinstance(last, UnreadableFrame)
+    assert last.index == 10
+    assert "ends after 10 of the 40 frames" in last.reason
+
+
+@pytest.mark.parametrize("content", [b"", b"this is no video"])
+def test_files_that_are_no_video(tmp_path: Path, content: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "clip.mp4"
+    path.write_bytes(content)
+    with pytest.raises(InputFileError, match=r"clip\.mp4: cannot be decoded as a video"):
+        VideoFile(path, CAMERA)
+    with pytest.raises(InputFileError, match="no such video file"):
+        VideoFile(tmp_path / "none.mp4", CAMERA)
+    assert capfd.readouterr().err == ""
+
+
+def test_open_images_takes_a_folder_or_a_file(tmp_path: Path) -> None:
+    assert isinstance(open_images(_folder(tmp_path / "clip", ("0.png",)), CAMERA), ImageFolder)
+    assert isinstance(open_images(_video(tmp_path / "clip.mp4"), CAMERA), VideoFile)
+
+
+@pytest.mark.parametrize("kind", ["folder", "video", "device"])
+def test_there_is_no_truth(tmp_path: Path, kind: str) -> None:
+    source: Sequence
+    if kind == "folder":
+        source = ImageFolder(_folder(tmp_path / "clip", ("0.png",)), CAMERA)
+    elif kind == "video":
+        source = VideoFile(_video(tmp_path / "clip.mp4", 1), CAMERA)
+    else:
+        source = CameraDevice(0, CAMERA)
+    assert source.truth(0, 1) is None
+    with pytest.raises(SequenceError, match="give a start pose"):
+        _ = source.first_pose
+    with pytest.raises(SequenceError, match="give a start pose"):
+        _ = source.first_poses
+
+
+class _FakeDevice:
+    """Stands in for cv2.VideoCapture: gives the listed images, None for a failure, then fails for good."""
+
+    def __init__(self, images: list[np.ndarray | None], opened: bool = True) -> None:
+        self.images = iter(images)
+        self.opened = opened
+        self.released = False
+
+    def isOpened(self) -> bool:
+        return self.opened
+
+    def set(self, key: int, value: float) -> bool:
+        return True
+
+    def read(self) -> tuple[bool, Any]:
+        image = next(self.images, None)
+        return image is not None, image
+
+    def release(self) -> None:
+        self.released = True
+
+
+@pytest.fixture
+def plug_in(monkeypatch: pytest.MonkeyPatch) -> Callable[[_FakeDevice], _FakeDevice]:
+    def plug(device: _FakeDevice) -> _FakeDevice:
+        monkeypatch.setattr("acp_lab.sequences.images.cv2.VideoCapture", lambda *_: device)
+        return device
+
+    return plug
+
+
+def test_a_live_camera_yields_until_it_is_left(plug_in: Callable[[_FakeDevice], _FakeDevice]) -> None:
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    image[..., 2] = 9
+    device = plug_in(_FakeDevice([image, None, image, image]))
+    frames = list(CameraDevice(0, BENT).frames(3))
+    assert [type(frame) for frame in frames] == [Frame, UnreadableFrame, Frame]
+    assert [frame.index for frame in frames] == [0, 1, 2]
+    assert isinstance(frames[2], Frame)
+    assert frames[2].time_s is not None
+    assert frames[2].camera == BENT.pinhole()
+    assert frames[2].image[HEIGHT // 2, WIDTH // 2].tolist() == [9, 0, 0]
+    assert device.released
+
+
+def test_a_live_camera_that_stops_is_an_error(plug_in: Callable[[_FakeDevice], _FakeDevice]) -> None:
+    device = plug_in(_FakeDevice([np.zeros((HEIGHT, WIDTH, 3), np.uint8)]))
+    with pytest.raises(SequenceError, match="camera 2: stopped giving images"):
+        list(CameraDevice(2, CAMERA).frames())
+    assert device.released
+
+
+def test_a_live_camera_that_is_absent_or_of_another_size(
+    plug_in: Callable[[_FakeDevice], _FakeDevice],
+) -> None:
+    plug_in(_FakeDevice([], opened=False))
+    with pytest.raises(SequenceError, match="camera 7: cannot be opened"):
+        next(CameraDevice(7, CAMERA).frames())
+    plug_in(_FakeDevice([np.zeros((10, 10, 3), np.uint8)]))
+    with pytest.raises(SequenceError, match="image is 10 x 10 px but the camera is 64 x 48"):
+        next(CameraDevice(7, CAMERA).frames())

@@ -1,0 +1,74 @@
+"""Small JSON files: poses in, numbers checked, writing whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acp_lab.errors import InputFileError
+from acp_lab.sequences.json_file import read_json_object, read_pose, write_json
+from tests.sequences.tiny_dataset import pose, pose_entry
+
+IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+
+
+def test_a_pose_reads_back(tmp_path: Path) -> None:
+    path = tmp_path / "POSE.json"
+    path.write_text(json.dumps(pose_entry(pose(3))))
+    np.testing.assert_allclose(read_pose(path), pose(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "the file is empty"),
+        ("[1, 2]", "no JSON object"),
+        ('{"cam_R_m2c": ', "not valid JSON"),
+        ('{"cam_t_m2c": [0, 0, 1]}', "lacks cam_R_m2c"),
+        ("{}", "lacks cam_R_m2c and cam_t_m2c"),
+        (json.dumps({"cam_R_m2c": IDENTITY, "cam_t_m2c": [0, 0]}), r"cam_t_m2c is \[0, 0\]: give a list"),
+        (json.dumps({"cam_R_m2c": IDENTITY, "cam_t_m2c": [0, 0, "5"]}), "cam_t_m2c holds '5'"),
+        (json.dumps({"cam_R_m2c": IDENTITY, "cam_t_m2c": [0, 0, float("nan")]}), "cam_t_m2c holds nan"),
+        (json.dumps({"cam_R_m2c": IDENTITY, "cam_t_m2c": [0, True, 1]}), "cam_t_m2c holds True"),
+        (json.dumps({"cam_R_m2c": [2, *IDENTITY[1:]], "cam_t_m2c": [0, 0, 1]}), "not a rotation"),
+        (json.dumps({"cam_R_m2c": [*IDENTITY[:8], -1], "cam_t_m2c": [0, 0, 1]}), "mirrored"),
+        (
+            '{"cam_R_m2c": [1,0,0,0,1,0,0,0,1], "cam_t_m2c": [0, 0, 1' + "0" * 400 + "]}",
+            "cam_t_m2c holds 1000",
+        ),
+    ],
+)
+def test_whatever_is_wrong_with_a_pose_file_is_one_line(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "POSE.json"
+    path.write_text(content)
+    with pytest.raises(InputFileError, match=message) as error:
+        read_pose(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_and_binary_files(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match="no such file: mend it"):
+        read_json_object(tmp_path / "none.json", "mend it")
+    (tmp_path / "a.json").write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(InputFileError, match="UTF-8: mend it"):
+        read_json_object(tmp_path / "a.json", "mend it")
+
+
+def test_writing_replaces_and_leaves_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.json"
+    write_json(path, {"a": 1})
+    write_json(path, {"b": [2.5]})
+    assert json.loads(path.read_text()) == {"b": [2.5]}
+    assert [p.name for p in path.parent.iterdir()] == ["a.json"]
+
+
+def test_writing_where_a_file_is_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputFileError, match="cannot be written"):
+        write_json(tmp_path / "file" / "a.json", {})
+    with pytest.raises(InputFileError, match="cannot be written"):
+        write_json(tmp_path, {})
