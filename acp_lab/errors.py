@@ -1,0 +1,35 @@
+"""Errors that a user can mend.
+
+Every message is one line that names the file or value at fault and says what to do about it;
+the command line prints it after `error: ` and exits with status 2.
+"""
+
+from __future__ import annotations
+
+
+class AcpLabError(Exception):
+    """Base of all errors raised on purpose by this package."""
+
+
+class InputFileError(AcpLabError):
+    """A file is missing, empty, malformed or contradicts another one."""
+
+
+class GeometryError(AcpLabError):
+    """Numbers that are no camera, pose or quad: singular, folded, not a rotation."""
+
+
+class PartError(AcpLabError):
+    """A CAD model that cannot be used: no faces, no edges, a suspicious unit."""
+
+
+class PreparationError(AcpLabError):
+    """A prepared part is missing, incomplete or belongs to another mesh."""
+
+
+class SequenceError(AcpLabError):
+    """A sequence lacks what was asked of it: scene, object, truth, frames."""
+
+
+class TrackingError(AcpLabError):
+    """A tracker was asked for something it cannot do."""

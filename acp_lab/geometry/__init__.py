@@ -1,0 +1,54 @@
+"""Cameras, poses, homographies, splines and planar PnP. Conventions: docs/conventions.md."""
+
+from __future__ import annotations
+
+from acp_lab.geometry.camera import Camera, Undistorter
+from acp_lab.geometry.homography import (
+    apply_homography,
+    check_quad,
+    homography_from_points,
+    homography_points_jacobian,
+)
+from acp_lab.geometry.planar_pnp import PlanarPnP, solve_planar_pnp
+from acp_lab.geometry.pose import (
+    check_rotation,
+    disturb_pose,
+    interpolate,
+    inverse,
+    make_pose,
+    rotation,
+    rotation_angle_deg,
+    se3_exp,
+    se3_log,
+    so3_exp,
+    so3_log,
+    transform,
+    translation,
+)
+from acp_lab.geometry.tps import warp_image_tps, warp_points_tps
+
+__all__ = [
+    "Camera",
+    "PlanarPnP",
+    "Undistorter",
+    "apply_homography",
+    "check_quad",
+    "check_rotation",
+    "disturb_pose",
+    "homography_from_points",
+    "homography_points_jacobian",
+    "interpolate",
+    "inverse",
+    "make_pose",
+    "rotation",
+    "rotation_angle_deg",
+    "se3_exp",
+    "se3_log",
+    "so3_exp",
+    "so3_log",
+    "solve_planar_pnp",
+    "transform",
+    "translation",
+    "warp_image_tps",
+    "warp_points_tps",
+]

@@ -1,0 +1,17 @@
+"""Names for the array types that the signatures use; shapes are told in each docstring."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+"""Geometry: always float64."""
+Float32Array: TypeAlias = NDArray[np.float32]
+"""Distance maps and whatever networks see."""
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+ByteImage: TypeAlias = NDArray[np.uint8]
+"""(h, w) grey or (h, w, 3) RGB."""

@@ -1,0 +1,227 @@
+"""The pinhole camera, its file, and the removal of lens distortion.
+
+Convention: OpenCV axes (x right, y down, z forward), pixel (0, 0) is the *centre* of the top-left pixel,
+pixels are (x, y), arrays (h, w), lengths mm. `Camera.project` knows the pinhole part alone: frames are
+undistorted once, when they are read, by an `Undistorter` that keeps the camera matrix. Points projected
+into an image that is still distorted are silently off by several pixels near its border.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from acp_lab.errors import GeometryError, InputFileError
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+
+_NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
+_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "dist")
+_EXAMPLE = '{"width": 640, "height": 480, "fx": 600, "fy": 600, "cx": 319.5, "cy": 239.5, "dist": [0, 0, 0, 0, 0]}'
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with OpenCV's five-coefficient distortion.
+
+    width, height: image size in px; fx, fy, cx, cy: focal lengths and principal point in px;
+    dist: (k1, k2, p1, p2, k3). Equal cameras compare and hash equal, so they can be cache keys.
+    Raises GeometryError for sizes or focal lengths that are not positive and for numbers that are not finite.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    dist: tuple[float, ...] = _NO_DISTORTION
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise GeometryError(f"camera size {self.width} x {self.height}: both must be at least 1 px")
+        if not (math.isfinite(self.fx) and math.isfinite(self.fy) and self.fx > 0 and self.fy > 0):
+            raise GeometryError(f"camera focal lengths fx={self.fx} fy={self.fy}: both must be above 0 px")
+        if not (math.isfinite(self.cx) and math.isfinite(self.cy)):
+            raise GeometryError(f"camera principal point cx={self.cx} cy={self.cy}: both must be finite")
+        if len(self.dist) != 5 or not all(math.isfinite(k) for k in self.dist):
+            raise GeometryError(f"camera distortion {list(self.dist)}: give five finite k1, k2, p1, p2, k3")
+        # A plain tuple of floats keeps the camera hashable even when a list or an array was handed in.
+        object.__setattr__(self, "dist", tuple(float(k) for k in self.dist))
+
+    @classmethod
+    def from_matrix(
+        cls, matrix: FloatArray, width: int, height: int, dist: tuple[float, ...] = _NO_DISTORTION
+    ) -> Camera:
+        """Camera of a (3, 3) matrix K = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].
+
+        Raises GeometryError for another shape and for skew, which the rest of the package does not model.
+        """
+        k = np.asarray(matrix, dtype=np.float64)
+        if k.shape != (3, 3):
+            raise GeometryError(f"camera matrix has shape {k.shape}: give 3 x 3 numbers, row by row")
+        # Written as "not all close" so that NaN is refused too.
+        if not np.allclose((k[0, 1], k[1, 0], *k[2]), (0.0, 0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=1e-6):
+            raise GeometryError(
+                f"camera matrix {k.tolist()}: must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], without skew"
+            )
+        fx, fy, cx, cy = float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+        return cls(int(width), int(height), fx, fy, cx, cy, dist)
+
+    @classmethod
+    def from_json(cls, path: str | Path) -> Camera:
+        """Read CAMERA.json: {"width","height","fx","fy","cx","cy","dist":[k1,k2,p1,p2,k3]}.
+
+        Further keys are ignored. Raises InputFileError, one line, for whatever is wrong with the file.
+        """
+        path = Path(path)
+        values = _read_object(path)
+        missing = [key for key in _KEYS if key not in values]
+        if missing:
+            hint = ' (no distortion is "dist": [0, 0, 0, 0, 0])' if missing == ["dist"] else ""
+            raise InputFileError(f"{path}: camera lacks {', '.join(missing)}: add it, as in {_EXAMPLE}{hint}")
+        width, height, fx, fy, cx, cy = (_number(path, key, values[key]) for key in _KEYS[:6])
+        for key, size in (("width", width), ("height", height)):
+            if size != int(size) or size < 1:
+                raise InputFileError(f"{path}: {key} is {values[key]}: give whole pixels, at least 1")
+        for key, focal in (("fx", fx), ("fy", fy)):
+            if focal <= 0:
+                raise InputFileError(f"{path}: {key} is {values[key]}: give the focal length in px, above 0")
+        dist = values["dist"]
+        if not isinstance(dist, list) or len(dist) != 5:
+            raise InputFileError(f"{path}: dist must be five numbers [k1, k2, p1, p2, k3], zeros if none")
+        coefficients = tuple(_number(path, f"dist[{i}]", k) for i, k in enumerate(dist))
+        return cls(int(width), int(height), fx, fy, cx, cy, coefficients)
+
+    def to_json(self, path: str | Path) -> None:
+        """Write CAMERA.json whole or not at all; raises InputFileError when the place cannot be written."""
+        path = Path(path)
+        text = json.dumps({key: getattr(self, key) for key in _KEYS}, indent=2) + "\n"
+        part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            part.write_text(text, encoding="utf-8")
+            os.replace(part, path)
+        except OSError as error:
+            part.unlink(missing_ok=True)
+            raise InputFileError(f"{path}: not written ({error.strerror}): choose another place") from None
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """K, (3, 3), read-only: shared by all callers."""
+        k = np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+        k.flags.writeable = False
+        return k
+
+    @cached_property
+    def _projection(self) -> FloatArray:
+        # The first two rows of K, transposed: one small product instead of four passes over the points.
+        return np.ascontiguousarray(self.matrix[:2].T)
+
+    @property
+    def is_distorted(self) -> bool:
+        """True when any distortion coefficient differs from zero."""
+        return any(self.dist)
+
+    def pinhole(self) -> Camera:
+        """The same camera without distortion: the one that undistorted frames carry."""
+        if not self.is_distorted:
+            return self
+        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+    def cropped(self, x: int, y: int, width: int, height: int) -> Camera:
+        """The camera of image[y : y + height, x : x + width] (whole px): only the principal point moves.
+
+        Raises GeometryError for a distorted camera, whose coefficients belong to the full image.
+        """
+        if self.is_distorted:
+            raise GeometryError("distorted camera cannot be cropped: undistort the image, use camera.pinhole()")
+        return Camera(width, height, self.fx, self.fy, self.cx - x, self.cy - y)
+
+    def project(self, points_cam: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of points (n, 3) in mm, camera frame; pinhole part only.
+
+        Points on or behind the camera's plane (z <= 0) have no image and become NaN, never a mirrored pixel.
+        """
+        points = np.asarray(points_cam, dtype=np.float64)
+        z = points[:, 2:]
+        # "not above" also catches NaN; the usual case, all in front, pays for one minimum.
+        if z.size and not z.min() > 0.0:
+            z = np.where(z > 0.0, z, np.nan)
+        pixels: FloatArray = (points @ self._projection) / z
+        return pixels
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Viewing directions (n, 3) with z = 1, camera frame, of pixels (n, 2): times a depth, points."""
+        points = np.asarray(pixels, dtype=np.float64)
+        rays = np.ones((points.shape[0], 3))
+        rays[:, :2] = (points - (self.cx, self.cy)) / (self.fx, self.fy)
+        return rays
+
+
+class Undistorter:
+    """Removes a camera's lens distortion from images, keeping its matrix K.
+
+    The result belongs to `camera.pinhole()`. Without distortion the image itself is handed back.
+    Pixels that the lens never saw become black.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+
+    def __call__(self, image: ByteImage) -> ByteImage:
+        """Undistorted image of the same shape, (h, w) or (h, w, 3); raises GeometryError for another size."""
+        if image.shape[:2] != (self.camera.height, self.camera.width):
+            raise GeometryError(
+                f"image is {image.shape[1]} x {image.shape[0]} px but its camera is "
+                f"{self.camera.width} x {self.camera.height}: give the camera of these images"
+            )
+        if not self.camera.is_distorted:
+            return image
+        map_x, map_y = _undistortion_maps(self.camera)
+        return cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
+
+
+@lru_cache(maxsize=4)
+def _undistortion_maps(camera: Camera) -> tuple[Any, Any]:
+    """cv2's fixed-point remap tables; a few are kept because sequences with two or three cameras exist."""
+    size = (camera.width, camera.height)
+    return cv2.initUndistortRectifyMap(
+        camera.matrix, np.asarray(camera.dist), np.eye(3), camera.matrix, size, cv2.CV_16SC2
+    )
+
+
+def _read_object(path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputFileError(f"{path}: no such camera file: give the path of a CAMERA.json") from None
+    except OSError as error:
+        raise InputFileError(f"{path}: not readable ({error.strerror}): give the path of a CAMERA.json") from None
+    except (ValueError, RecursionError) as error:
+        # ValueError covers bad JSON and bad UTF-8; their first line says where.
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputFileError(f"{path}: not valid JSON ({reason}): write it as {_EXAMPLE}") from None
+    if not isinstance(values, dict):
+        raise InputFileError(f"{path}: holds no JSON object: write it as {_EXAMPLE}")
+    return values
+
+
+def _number(path: Path, key: str, value: object) -> float:
+    # bool is an int in Python, NaN and Infinity are numbers to its JSON reader, and a whole number can be too
+    # long for a float: none of them is a measure.
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if math.isfinite(number):
+            return number
+    shown = repr(value)
+    raise InputFileError(f"{path}: {key} is {shown[:60]}: give a finite number")

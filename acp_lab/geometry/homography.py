@@ -1,0 +1,171 @@
+"""Homographies between four points, and how a warped point follows the four it hangs on.
+
+Convention: points are (x, y) px rows, H (3, 3) takes source to destination in homogeneous coordinates and is
+scaled to H[2, 2] = 1. The order of the four rows matters: source row i goes to destination row i.
+In the method the four are the image control points I: a small step of I moves the edges by H (paper, IV-C).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from acp_lab.errors import GeometryError
+from acp_lab.geometry.arrays import FloatArray
+
+_FLAT = 1e-9
+"""Corner areas below this share of the squared extent are zero to rounding: no homography exists."""
+
+
+def homography_system(src: FloatArray, dst: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The paper's linear system A h = b for h = (H11, H12, H13, H21, ..., H32), with H33 = 1.
+
+    src, dst: (4, 2). Returns A (8, 8) and b (8,). Rows 2i and 2i + 1 say that source point i lands on x and y
+    of destination point i: `h1 x + h2 y + h3 - x' (h7 x + h8 y) = x'`. Paper, equation for H in section IV-C;
+    its print lost the right-hand side b, the eight moved coordinates.
+    """
+    system = np.zeros((8, 8))
+    system[0::2, 0:2] = src
+    system[0::2, 2] = 1.0
+    system[1::2, 3:5] = src
+    system[1::2, 5] = 1.0
+    moved = dst.reshape(8)
+    system[0::2, 6:] = -dst[:, :1] * src
+    system[1::2, 6:] = -dst[:, 1:] * src
+    return system, moved
+
+
+def homography_from_points(src: FloatArray, dst: FloatArray) -> FloatArray:
+    """H (3, 3), H33 = 1, that takes four points src (4, 2) to dst (4, 2).
+
+    Solves `homography_system` between coordinates centred and scaled to about 1, because in raw pixels its
+    columns differ by a factor of 1e6. Raises GeometryError when three points of a set are in line, or when H
+    sends the source's origin to infinity (then H33 = 0 and cannot be scaled to 1).
+    """
+    src, dst = _four_points(src, "source"), _four_points(dst, "destination")
+    _refuse_flat(src, "source")
+    _refuse_flat(dst, "destination")
+    to_src, _ = _normalisation(src)
+    to_dst, from_dst = _normalisation(dst)
+    h = np.linalg.solve(*homography_system(_move(to_src, src), _move(to_dst, dst)))
+    homography = from_dst @ np.append(h, 1.0).reshape(3, 3) @ to_src
+    if abs(homography[2, 2]) < 1e-12 * np.abs(homography[2]).max():
+        raise GeometryError("homography sends pixel (0, 0) to infinity, H33 = 0: choose other points")
+    scaled: FloatArray = homography / homography[2, 2]
+    return scaled
+
+
+def apply_homography(homography: FloatArray, points: FloatArray) -> FloatArray:
+    """Points (n, 2) moved by H (3, 3), (n, 2); points on its vanishing line become inf or NaN."""
+    homogeneous = points @ homography[:, :2].T + homography[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved: FloatArray = homogeneous[:, :2] / homogeneous[:, 2:]
+    return moved
+
+
+def homography_points_jacobian(src: FloatArray, dst: FloatArray, points: FloatArray) -> FloatArray:
+    """d(H x) / d dst for points x (n, 2): (n, 2, 8), px per px, columns in the order x1, y1, x2, ..., y4.
+
+    H is the homography from src (4, 2) to dst (4, 2). From A h = b: moving destination coordinate k changes
+    one equation, so dh = w_k A^-1 e_k with w_k the denominator h7 x + h8 y + 1 at its source point; and a
+    moved point p = H x changes by (x, y, 1, -p x, -p y) / w along h. Raises GeometryError as
+    `homography_from_points` does.
+    """
+    src, dst = _four_points(src, "source"), _four_points(dst, "destination")
+    _refuse_flat(src, "source")
+    _refuse_flat(dst, "destination")
+    to_src, _ = _normalisation(src)
+    to_dst, _ = _normalisation(dst)
+    # The centring is held fixed: H does not depend on it, and its scale cancels between dst and H x.
+    corners = _move(to_src, src)
+    system, moved = homography_system(corners, _move(to_dst, dst))
+    inverse = np.linalg.inv(system)
+    h = inverse @ moved
+    steps = inverse * np.repeat(corners @ h[6:] + 1.0, 2)
+
+    x = _move(to_src, np.asarray(points, dtype=np.float64))
+    one = np.append(x, np.ones((len(x), 1)), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one_over_w = one / (x @ h[6:] + 1.0)[:, None]
+    by_h = np.zeros((len(x), 2, 8))
+    by_h[:, 0, 0:3] = one_over_w
+    by_h[:, 1, 3:6] = one_over_w
+    by_h[:, 0, 6:] = -(one_over_w @ h[0:3])[:, None] * one_over_w[:, :2]
+    by_h[:, 1, 6:] = -(one_over_w @ h[3:6])[:, None] * one_over_w[:, :2]
+    return by_h @ steps
+
+
+def check_quad(points: FloatArray, minimum_px: float = 1.0, where: str = "quad") -> FloatArray:
+    """The four points (4, 2) as float64 when they are a convex quad, in order around it, of either direction.
+
+    minimum_px: how far, at least, each corner must be from the line through two others. where: what the
+    message is to name. Raises GeometryError that says whether the quad is not finite, tiny, has three corners
+    (which) in line, or is folded (crossing sides or a corner that points inwards).
+    """
+    quad = _four_points(points, where)
+    size = extent(quad)
+    if size < minimum_px:
+        raise GeometryError(f"{where} is tiny: {size:.3g} px across, not {minimum_px:g}: spread its points")
+    areas = corner_areas(quad)
+    for i, area in enumerate(areas):
+        trio = (i - 1) % 4, i, (i + 1) % 4
+        height = abs(area) / extent(quad[list(trio)])
+        if height < minimum_px:
+            names = ", ".join(str(j) for j in sorted(trio))
+            raise GeometryError(
+                f"{where} is degenerate: points {names} are in line within {height:.3g} px, "
+                f"needs {minimum_px:g}: move one of them"
+            )
+    if not all(area * areas[0] > 0.0 for area in areas):
+        raise GeometryError(f"{where} is folded: in order, its points are no convex quad: reorder or move them")
+    return quad
+
+
+def corner_areas(quad: FloatArray) -> tuple[float, float, float, float]:
+    """Twice the signed area of the triangle at each corner of four points (4, 2): previous, corner, next.
+
+    These are all four triangles of the quad, so the signs tell convex (all equal) from folded, and a plane
+    seen from in front keeps all of them or flips all of them.
+    """
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = quad.tolist()
+    return (
+        (x0 - x3) * (y1 - y0) - (y0 - y3) * (x1 - x0),
+        (x1 - x0) * (y2 - y1) - (y1 - y0) * (x2 - x1),
+        (x2 - x1) * (y3 - y2) - (y2 - y1) * (x3 - x2),
+        (x3 - x2) * (y0 - y3) - (y3 - y2) * (x0 - x3),
+    )
+
+
+def extent(points: FloatArray) -> float:
+    """The largest distance between two of a few points (n, 2)."""
+    corners = points.tolist()
+    return max(math.dist(p, q) for i, p in enumerate(corners) for q in corners[:i])
+
+
+def _four_points(points: FloatArray, name: str) -> FloatArray:
+    quad = np.asarray(points, dtype=np.float64)
+    if quad.shape != (4, 2):
+        raise GeometryError(f"{name}: points have shape {quad.shape}: give four rows of (x, y)")
+    if not np.isfinite(quad).all():
+        raise GeometryError(f"{name}: a point is not finite: {quad.tolist()}")
+    return quad
+
+
+def _refuse_flat(quad: FloatArray, name: str) -> None:
+    size = extent(quad)
+    if not min(abs(area) for area in corner_areas(quad)) > _FLAT * size * size:
+        raise GeometryError(f"{name} points {quad.tolist()}: three in line, no homography: move one")
+
+
+def _normalisation(quad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The similarity that centres four points and scales them to about 1, and its inverse, (3, 3) each."""
+    x, y = quad.mean(axis=0).tolist()
+    size = float(np.abs(quad - (x, y)).max())
+    to = np.array([[1.0 / size, 0.0, -x / size], [0.0, 1.0 / size, -y / size], [0.0, 0.0, 1.0]])
+    back = np.array([[size, 0.0, x], [0.0, size, y], [0.0, 0.0, 1.0]])
+    return to, back
+
+
+def _move(similarity: FloatArray, points: FloatArray) -> FloatArray:
+    return points * similarity[0, 0] + similarity[:2, 2]

@@ -1,0 +1,32 @@
+"""Small wrappers of cv2 that several layers use: edge pixels, distances to them, Chamfer distances."""
+
+from __future__ import annotations
+
+from acp_lab.imaging.canny import (
+    CannyConfig,
+    Thresholds,
+    blur,
+    canny,
+    canny_at,
+    median_thresholds,
+    otsu_thresholds,
+    to_grey,
+)
+from acp_lab.imaging.chamfer import Chamfer, chamfer, nearest_distances
+from acp_lab.imaging.distance import distance_map, nearest_edges
+
+__all__ = [
+    "CannyConfig",
+    "Chamfer",
+    "Thresholds",
+    "blur",
+    "canny",
+    "canny_at",
+    "chamfer",
+    "distance_map",
+    "median_thresholds",
+    "nearest_distances",
+    "nearest_edges",
+    "otsu_thresholds",
+    "to_grey",
+]

@@ -1,0 +1,51 @@
+"""How far every pixel is from the nearest edge, and which edge pixel that is; both exact.
+
+Convention: edge maps are bool (h, w), True on an edge; distances are px between pixel centres, 0 on an edge.
+cv2's 5 x 5 mask, the default elsewhere, is off by up to 2% and its labels by more than a pixel in places: a
+distance that is differentiated cannot afford it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from acp_lab.errors import GeometryError
+from acp_lab.geometry.arrays import BoolArray, Float32Array
+
+
+def distance_map(edges: BoolArray) -> Float32Array:
+    """Euclidean distance (h, w) float32, px, to the nearest edge pixel of edges (h, w).
+
+    Without any edge all pixels are at the image's diagonal, further than an edge in the image can be, so that
+    a black frame gives large numbers and not infinite ones. Raises GeometryError for another shape.
+    """
+    mask = _edge_mask(edges)
+    if not mask.any():
+        return np.full(mask.shape, math.hypot(*mask.shape), dtype=np.float32)
+    # cv2 measures the distance to the nearest zero.
+    background = (~mask).view(np.uint8)
+    return cv2.distanceTransform(background, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float32, copy=False)
+
+
+def nearest_edges(edges: BoolArray) -> NDArray[np.int32]:
+    """The pixel (x, y) of the nearest edge, (h, w, 2) int32, for each pixel of edges (h, w).
+
+    Exact, by SciPy: two to three times the time of `distance_map`, to which it adds the direction.
+    Raises GeometryError for another shape and for a map without edges, which has no answer.
+    """
+    mask = _edge_mask(edges)
+    if not mask.any():
+        raise GeometryError("edge map has no edge pixel: lower the thresholds, or skip this frame")
+    rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return np.stack([columns, rows], axis=2).astype(np.int32, copy=False)
+
+
+def _edge_mask(edges: BoolArray) -> BoolArray:
+    if edges.ndim != 2 or edges.size == 0:
+        raise GeometryError(f"edge map of shape {edges.shape}: give (h, w), True on edges")
+    return np.ascontiguousarray(edges, dtype=np.bool_)
