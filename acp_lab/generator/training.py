@@ -1,0 +1,171 @@
+"""Training of the visibility network: views of one region by ray casting, then Adam on a BCE loss.
+
+About 1000 views per region, as in paper IV-A, with some overlap into the neighbouring regions so
+that the hysteresis of region choice never leaves what was learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from acp_lab.cad.edges import EdgeSamples, facing, nearly_showing, unoccluded
+from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import RayCaster
+from acp_lab.control_points.view_regions import ALL_REGIONS, ViewRegion, sample_directions
+from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
+from acp_lab.generator.visibility import RegionNetwork, network_inputs
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """Settings of one region's training.
+
+    Attributes:
+        views: training views; held_out: further views for the report.
+        overlap: share by which a region reaches into its neighbours.
+        nearest, farthest: distances of the eye in diameters, sampled evenly in 1/distance.
+        hidden: width of the two hidden layers.
+    """
+
+    views: int = 1000
+    held_out: int = 150
+    epochs: int = 30
+    batch: int = 40
+    peak_rate: float = 5e-3
+    overlap: float = 0.3
+    nearest: float = 1.5
+    farthest: float = 12.0
+    hidden: int = 128
+
+    @classmethod
+    def fast(cls) -> TrainingConfig:
+        """A quarter of the views and half of the epochs, for lessons and tests."""
+        return cls(views=250, held_out=60, epochs=20)
+
+
+@dataclass(frozen=True)
+class TrainingReport:
+    """How well one region's network tells free samples from hidden ones, on held-out views.
+
+    Attributes:
+        precision: share of samples called free that are.
+        recall: share of free samples that are called so.
+        final_loss: mean BCE over the last epoch.
+    """
+
+    region: int
+    precision: float
+    recall: float
+    final_loss: float
+
+
+@dataclass(frozen=True)
+class _Views:
+    inputs: np.ndarray  # (v, 8) float32
+    asked: np.ndarray  # (v, n) bool, the sample nearly shows, so its hiding matters
+    free: np.ndarray  # (v, n) bool
+    shows: np.ndarray  # (v, n) bool
+
+
+def train_region(
+    part: Part,
+    edges: EdgeSamples,
+    caster: RayCaster,
+    region: ViewRegion,
+    config: TrainingConfig,
+    seed: int,
+    progress: Progress | None = None,
+) -> tuple[RegionNetwork, TrainingReport]:
+    """Train one region's network; the same seed and thread count give the same weights.
+
+    Args:
+        progress: called with (epochs done, epochs in all).
+    """
+    views = _make_views(part, edges, caster, region, config.views + config.held_out, config, seed)
+    rows = np.flatnonzero(views.asked.any(0))
+    generator = torch.Generator().manual_seed(seed * 100 + region.index)
+    with torch.random.fork_rng():
+        torch.manual_seed(seed * 100 + region.index)
+        model = torch.nn.Sequential(
+            torch.nn.Linear(8, config.hidden),
+            torch.nn.ReLU(),
+            torch.nn.Linear(config.hidden, config.hidden),
+            torch.nn.ReLU(),
+            torch.nn.Linear(config.hidden, len(rows)),
+        )
+    inputs = torch.from_numpy(views.inputs[: config.views])
+    free = torch.from_numpy(views.free[: config.views, rows])
+    asked = torch.from_numpy(views.asked[: config.views, rows])
+    optimiser = torch.optim.Adam(model.parameters(), lr=config.peak_rate)
+    steps_per_epoch = -(-config.views // config.batch)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, config.peak_rate, epochs=config.epochs, steps_per_epoch=steps_per_epoch
+    )
+    mean_loss = float("nan")
+    for epoch in range(config.epochs):
+        order = torch.randperm(config.views, generator=generator)
+        losses = []
+        for batch in order.split(config.batch):
+            mask = asked[batch].float()
+            loss = torch.nn.functional.binary_cross_entropy_with_logits(
+                model(inputs[batch]), free[batch].float(), weight=mask, reduction="sum"
+            ) / mask.sum().clamp(min=1.0)
+            optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            losses.append(loss.item())
+        mean_loss = float(np.mean(losses))
+        if progress is not None:
+            progress(epoch + 1, config.epochs)
+    tensors = [parameter.detach().numpy().astype(np.float32) for parameter in model.parameters()]
+    weight1, bias1, weight2, bias2, weight3, bias3 = tensors
+    network = RegionNetwork(weight1, bias1, weight2, bias2, weight3, bias3, rows.astype(np.int32))
+    called = np.zeros_like(views.free[config.views :])
+    with torch.no_grad():
+        called[:, rows] = (model(torch.from_numpy(views.inputs[config.views :])) > 0).numpy()
+    return network, _report(region.index, called, views, config.views, mean_loss)
+
+
+def _report(region: int, called: np.ndarray, views: _Views, first: int, loss: float) -> TrainingReport:
+    shows, free = views.shows[first:], views.free[first:]
+    right = float((called & free & shows).sum())
+    return TrainingReport(
+        region,
+        precision=right / max(float((called & shows).sum()), 1.0),
+        recall=right / max(float((free & shows).sum()), 1.0),
+        final_loss=loss,
+    )
+
+
+def _make_views(
+    part: Part,
+    edges: EdgeSamples,
+    caster: RayCaster,
+    region: ViewRegion,
+    count: int,
+    config: TrainingConfig,
+    seed: int,
+) -> _Views:
+    rng = np.random.default_rng([seed, region.index, 1])
+    directions = sample_directions(region, 0.5 * part.box_size, count, config.overlap, seed)
+    nearness = rng.uniform(1.0 / config.farthest, 1.0 / config.nearest, count)
+    inputs = np.empty((count, 8), np.float32)
+    asked, free, shows = (np.zeros((count, len(edges)), bool) for _ in range(3))
+    for row, (direction, near) in enumerate(zip(directions, nearness, strict=True)):
+        eye_obj = part.box_centre + part.diameter / near * direction
+        inputs[row] = network_inputs(part, eye_obj, region.index)
+        asked[row] = nearly_showing(edges, eye_obj, margin_deg=2.0)
+        rows = np.flatnonzero(asked[row])
+        free[row, rows] = unoccluded(edges.take(rows), caster, eye_obj, RAY_OFFSET_IN_DIAMETERS * part.diameter)
+        shows[row] = facing(edges, eye_obj).shows
+    return _Views(inputs, asked, free, shows)
+
+
+ALL_REGION_INDICES = tuple(region.index for region in ALL_REGIONS)

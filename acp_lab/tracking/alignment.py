@@ -1,0 +1,296 @@
+"""Aligning generated edges with one frame: generate, search, assign, step, from coarse to fine.
+
+One level generates the visible edge samples at the present pose (t(I)), searches image edges along their
+normals, and takes a few Gauss-Newton steps on the soft assignment between the two. Levels narrow the
+search and the capture range sigma (paper IV-B's alpha, annealed).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from acp_lab.cad.part import Part
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.view_regions import ALL_REGIONS
+from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, image_tangents
+from acp_lab.geometry.camera import Camera
+from acp_lab.tracking.contour_offsets import ContourOffsets, ExpectedOffsets
+from acp_lab.tracking.image_edges import (
+    Candidates,
+    ImagePatch,
+    SearchConfig,
+    image_patch,
+    search_along_normals,
+)
+from acp_lab.tracking.loss import robust_loss, soft_assignment
+from acp_lab.tracking.memory import EdgeMemory
+from acp_lab.tracking.optimiser import (
+    centre_position,
+    control_point_jacobian,
+    gauss_newton_step,
+    image_directions,
+    move_pose,
+    step_jacobian,
+)
+
+# Fewer visible samples than this cannot fix six degrees of freedom with any safety.
+MIN_SAMPLES = 12
+
+
+@dataclass(frozen=True)
+class Level:
+    """One level of the coarse-to-fine search, px: reach along normals, width of the capture range."""
+
+    reach_px: int
+    sigma_px: float
+
+
+TRACKING_LEVELS = (Level(20, 6.0), Level(12, 4.0), Level(8, 2.0), Level(6, 1.0), Level(5, 1.0))
+
+
+@dataclass(frozen=True)
+class SolverConfig:
+    """Settings of the alignment.
+
+    Attributes:
+        levels: coarse to fine.
+        steps_per_level: Gauss-Newton steps on one set of candidates.
+        samples: edge samples used at most.
+        outlier: mass of "no image edge belongs here" in the soft assignment.
+        damping: per squared px of mean control-point motion.
+        min_score: candidates below it are noise.
+        offsets_from_sigma_px: how well an offset is known counts from this sigma downwards;
+            at coarser levels every sample helps to find the way.
+        quality_sigma_px: how near a candidate must lie to count as found.
+    """
+
+    levels: tuple[Level, ...] = TRACKING_LEVELS
+    steps_per_level: int = 2
+    samples: int = 300
+    outlier: float = 0.5
+    damping: float = 2e-3
+    min_score: float = 0.02
+    offsets_from_sigma_px: float = 2.0
+    quality_sigma_px: float = 1.5
+
+
+@dataclass
+class Stopwatch:
+    """Wall seconds by stage."""
+
+    image_s: float = 0.0
+    generate_s: float = 0.0
+    search_s: float = 0.0
+    solve_s: float = 0.0
+    learn_s: float = 0.0
+    _last: float = field(default_factory=time.perf_counter)
+
+    def lap(self) -> float:
+        """Seconds since the last lap."""
+        now = time.perf_counter()
+        elapsed, self._last = now - self._last, now
+        return elapsed
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the image shows around the edges generated at one pose.
+
+    Attributes:
+        visible: the generated samples.
+        points: (n, 2) px; normals: (n, 2) unit.
+        candidates: image edges along the normals.
+        scores: (n, m) their scores after the memory had its say.
+        targets: (n, m) px along the normal from the generated point to where the candidate says it belongs,
+            its expected offset taken off.
+        expected: the offsets.
+    """
+
+    visible: VisibleSamples
+    points: np.ndarray
+    normals: np.ndarray
+    candidates: Candidates
+    scores: np.ndarray
+    targets: np.ndarray
+    expected: ExpectedOffsets
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A pose with what the frame says of it.
+
+    Attributes:
+        cam_T_obj: (4, 4) mm.
+        observation: of the last level.
+        distances: (n, m) px from each sample at this pose to its candidates.
+        best: (n,) column of the candidate that fits best.
+        found: (n,) in [0, 1], its score times its nearness.
+        loss: e(I), see `loss.robust_loss`.
+        iterations: Gauss-Newton steps taken.
+    """
+
+    cam_T_obj: np.ndarray
+    observation: Observation
+    distances: np.ndarray
+    best: np.ndarray
+    found: np.ndarray
+    loss: float
+    iterations: int
+
+    @property
+    def quality(self) -> float:
+        """In [0, 1]: mean over the samples of `found`; 0 without samples."""
+        return float(self.found.mean()) if len(self.found) else 0.0
+
+    def residuals_px(self, min_found: float = 0.02) -> np.ndarray:
+        """(n,) px to the best candidate, NaN where none was found."""
+        rows = np.arange(len(self.best))
+        return np.where(self.found > min_found, self.distances[rows, self.best], np.nan)
+
+
+class Aligner:
+    """Aligns one part; holds what does not change from frame to frame, and the two memories that do."""
+
+    def __init__(
+        self,
+        part: Part,
+        generator: RigidGenerator,
+        memory: EdgeMemory,
+        offsets: ContourOffsets,
+        search: SearchConfig,
+        solver: SolverConfig,
+    ) -> None:
+        self.part = part
+        self.generator = generator
+        self.memory = memory
+        self.offsets = offsets
+        self.search = search
+        self.solver = solver
+        self.control_points_obj = [mid_section_points(part.box_min, part.box_max, r.axis) for r in ALL_REGIONS]
+        low, high = part.box_min, part.box_max
+        self._corners = np.array(
+            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        )
+
+    def patch(self, image: np.ndarray, camera: Camera, cam_T_obj: np.ndarray, margin_px: float) -> ImagePatch | None:
+        """The image around the part at a pose (4, 4); None where the part is behind the camera or off the image."""
+        corners = camera.project(self._corners @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3])
+        if not np.isfinite(corners).all():
+            return None
+        (x0, y0), (x1, y1) = corners.min(0) - margin_px, corners.max(0) + margin_px
+        if x1 < 2 or y1 < 2 or x0 > camera.width - 2 or y0 > camera.height - 2:
+            return None
+        # A part that fills far more than the image is searched inside the image only; keep the numbers small.
+        x0, y0, x1, y1 = (float(np.clip(v, -1e4, 1e4)) for v in (x0, y0, x1, y1))
+        return image_patch(image, (int(x0), int(y0), int(x1) + 1, int(y1) + 1), self.search.blur_px)
+
+    def observe(
+        self,
+        patch: ImagePatch,
+        camera: Camera,
+        cam_T_obj: np.ndarray,
+        region: int,
+        reach_px: int,
+        clock: Stopwatch,
+        use_memory: bool = True,
+        samples: int | None = None,
+    ) -> Observation | None:
+        """Generate edges at a pose and search for them; None when too few samples are visible."""
+        clock.lap()
+        edges = self.generator.edges
+        visible = self.generator.visible(cam_T_obj, region, samples or self.solver.samples)
+        if len(visible.ids) < MIN_SAMPLES:
+            return None
+        points_cam = edges.points_obj[visible.ids] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
+        tangents = image_tangents(points_cam, edges.tangents_obj[visible.ids] @ cam_T_obj[:3, :3].T, camera)
+        normals = np.stack([-tangents[:, 1], tangents[:, 0]], 1)
+        points = camera.project(points_cam)
+        if not np.isfinite(points).all():
+            return None
+        clock.generate_s += clock.lap()
+        candidates = search_along_normals(patch, points, normals, reach_px, self.search)
+        scores = candidates.scores
+        if use_memory:
+            scores = scores * self.memory.factors(visible.ids, candidates)
+        scores = np.where(scores > self.solver.min_score, scores, 0.0) * visible.weights[:, None]
+        directions_obj = image_directions(points_cam, normals, camera) @ cam_T_obj[:3, :3]
+        expected = self.offsets.expect(visible.ids, visible.outline, directions_obj)
+        targets = candidates.offsets - expected.offsets_px[:, None]
+        clock.search_s += clock.lap()
+        return Observation(visible, points, normals, candidates, scores, targets, expected)
+
+    def align(
+        self,
+        patch: ImagePatch,
+        camera: Camera,
+        cam_T_obj: np.ndarray,
+        region: int,
+        clock: Stopwatch,
+        levels: tuple[Level, ...] | None = None,
+        use_memory: bool = True,
+    ) -> Alignment | None:
+        """The pose near `cam_T_obj` whose edges fit the frame; None when the part cannot be seen there."""
+        solver, iterations = self.solver, 0
+        pose, observation = cam_T_obj, None
+        level = Level(1, 1.0)
+        for level in levels or solver.levels:
+            observation = self.observe(patch, camera, pose, region, level.reach_px, clock, use_memory)
+            if observation is None:
+                return None
+            for _ in range(solver.steps_per_level):
+                moved = self._step(observation, camera, pose, region, level.sigma_px)
+                if moved is None:
+                    return None
+                pose, iterations = moved, iterations + 1
+            clock.solve_s += clock.lap()
+        assert observation is not None, "at least one level is needed"
+        alignment = self.judge(observation, camera, pose, iterations)
+        clock.solve_s += clock.lap()
+        return alignment
+
+    def judge(self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray, iterations: int = 0) -> Alignment:
+        """How well the candidates of an observation fit a pose (4, 4) near the one it was made at."""
+        _, distances = self._distances(observation, camera, cam_T_obj)
+        sigma = self.solver.quality_sigma_px
+        fit = observation.scores * np.exp(-0.5 * (distances / sigma) ** 2)
+        best = fit.argmax(1)
+        loss = robust_loss(distances, observation.scores, sigma, self.solver.outlier)
+        return Alignment(cam_T_obj, observation, distances, best, fit[np.arange(len(fit)), best], loss, iterations)
+
+    def generated(self, alignment: Alignment, camera: Camera) -> GeneratedEdges:
+        """The edge points of an alignment at its final pose."""
+        edges, visible, pose = self.generator.edges, alignment.observation.visible, alignment.cam_T_obj
+        points_cam = edges.points_obj[visible.ids] @ pose[:3, :3].T + pose[:3, 3]
+        tangents = image_tangents(points_cam, edges.tangents_obj[visible.ids] @ pose[:3, :3].T, camera)
+        return GeneratedEdges(camera.project(points_cam), tangents, visible.weights, visible.ids)
+
+    def _distances(
+        self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Samples (n, 3) in the camera frame and their distances (n, m) px to the candidates at another pose."""
+        points_cam = self.generator.edges.points_obj[observation.visible.ids] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
+        shift = camera.project(points_cam) - observation.points
+        moved = np.einsum("nj,nj->n", shift, observation.normals)
+        return points_cam, observation.targets - moved[:, None]
+
+    def _step(
+        self, observation: Observation, camera: Camera, pose: np.ndarray, region: int, sigma_px: float
+    ) -> np.ndarray | None:
+        points_cam, distances = self._distances(observation, camera, pose)
+        if not np.isfinite(distances).all():
+            return None
+        assigned = soft_assignment(distances, observation.scores, sigma_px, self.solver.outlier)
+        weights = assigned.weights
+        if sigma_px <= self.solver.offsets_from_sigma_px:
+            weights = weights * observation.expected.weights
+        centre_cam = centre_position(pose, self.part.box_centre)
+        jacobian = step_jacobian(points_cam, image_directions(points_cam, observation.normals, camera), centre_cam)
+        w_cam = self.control_points_obj[region] @ pose[:3, :3].T + pose[:3, 3]
+        control = control_point_jacobian(w_cam, centre_cam, camera)
+        # The mean over four points rather than their sum, so that damping is per px of one point.
+        step = gauss_newton_step(jacobian, assigned.residuals, weights, 0.5 * control, self.solver.damping)
+        moved = move_pose(pose, self.part.box_centre, step)
+        return moved if np.isfinite(moved).all() and moved[2, 3] > 0 else None

@@ -1,0 +1,142 @@
+"""Where image edges lie beside the CAD's edges: broken edges, rims of light, and how to learn them.
+
+A machined part has broken edges of 0.2 to 0.4 mm that its CAD model does not: its outline lies inside
+the model's, the part looks smaller, and an edge tracker puts it 1 to 4% too far away while the
+overlay looks perfect. So every edge sample carries an expected offset in mm:
+
+* as a prior, outlines lie inside by a share of the edge break;
+* where the start pose can be trusted, the offsets of all samples in the first frame are measured, and
+  neighbours that were not seen take the mean of their cell of space;
+* inner creases get a wide spread: reflections shift them from frame to frame, outlines stay.
+
+The spread becomes a weight in the solver: samples with a well-known offset decide the depth.
+(Not in the paper, which takes CAD edges as they are; see docs/paper-ledger.md.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.cad.edges import EdgeSamples
+
+# Share of the edge break by which outlines lie inside, measured on path-traced milled parts.
+OUTLINE_SHARE_OF_BREAK = 0.6
+
+
+@dataclass(frozen=True)
+class OffsetConfig:
+    """How offsets are expected and learnt; lengths in mm.
+
+    Attributes:
+        edge_spread_px: scatter of an image edge about its true place, in px.
+        known_spread: of an outline sample measured in the first frame.
+        cell_spread: of an outline sample whose neighbours were measured.
+        unknown_spread: of an outline sample nothing near which was measured.
+        inner_spread: of creases that are no outline.
+        cell_in_diameters: side of the cells that share what was measured.
+        sample_inertia, cell_inertia, class_inertia: weights, in numbers of measurements, of the coarser
+            estimate (cell, all outlines, prior) beside the finer one.
+        largest: no measured offset is taken as larger.
+    """
+
+    edge_spread_px: float = 0.3
+    known_spread: float = 0.08
+    cell_spread: float = 0.3
+    unknown_spread: float = 0.6
+    inner_spread: float = 0.6
+    cell_in_diameters: float = 0.08
+    sample_inertia: float = 2.0
+    cell_inertia: float = 4.0
+    class_inertia: float = 20.0
+    largest: float = 0.8
+
+
+@dataclass(frozen=True)
+class ExpectedOffsets:
+    """What is expected of n visible samples.
+
+    Attributes:
+        offsets_px: (n,) along the image normals.
+        weights: (n,) in (0, 1], from how well the offset is known.
+        offsets_mm: (n,) outward for outlines, along the normal for inner creases.
+        px_per_mm: (n,) scale across the edge, signed: positive where outward is along the normal.
+    """
+
+    offsets_px: np.ndarray
+    weights: np.ndarray
+    offsets_mm: np.ndarray
+    px_per_mm: np.ndarray
+
+
+class ContourOffsets:
+    """Expected offset of every edge sample, as an outline and as an inner crease."""
+
+    def __init__(self, edges: EdgeSamples, diameter: float, edge_break_mm: float, config: OffsetConfig) -> None:
+        self.config = config
+        self.edges = edges
+        self.prior_mm = -OUTLINE_SHARE_OF_BREAK * edge_break_mm
+        cells = np.floor((edges.points_obj - edges.points_obj.min(0)) / (config.cell_in_diameters * diameter))
+        _, self._cell_of = np.unique(cells.astype(np.int64), axis=0, return_inverse=True)
+        self._cell_of = self._cell_of.ravel()
+        self._outward_obj = edges.normals_obj.sum(1)
+        self.forget()
+
+    def forget(self) -> None:
+        """Back to the prior."""
+        count, cells = len(self.edges), int(self._cell_of.max()) + 1
+        # Column 0: as an inner crease, column 1: as an outline.
+        self._sample_count, self._sample_sum = np.zeros((count, 2)), np.zeros((count, 2))
+        self._cell_count, self._cell_sum = np.zeros(cells), np.zeros(cells)
+
+    def expect(self, ids: np.ndarray, outline: np.ndarray, directions_obj: np.ndarray) -> ExpectedOffsets:
+        """Offsets of visible samples.
+
+        Args:
+            ids: (n,) rows of the edge samples.
+            outline: (n,) bool.
+            directions_obj: (n, 3) px per mm along the image normal, object frame
+                (`optimiser.image_directions` turned by the pose).
+        """
+        config = self.config
+        scale = np.linalg.norm(directions_obj, axis=1)
+        # Which way along the image normal leads off the material.
+        outward = np.sign(np.einsum("nj,nj->n", directions_obj, self._outward_obj[ids]))
+        px_per_mm = np.where(outline, outward, 1.0) * scale
+
+        role, cell = outline.astype(np.intp), self._cell_of[ids]
+        total, total_sum = self._cell_count.sum(), self._cell_sum.sum()
+        of_class = (config.class_inertia * self.prior_mm + total_sum) / (config.class_inertia + total)
+        of_cell = (config.cell_inertia * of_class + self._cell_sum[cell]) / (
+            config.cell_inertia + self._cell_count[cell]
+        )
+        coarse = np.where(outline, of_cell, 0.0)
+        seen = self._sample_count[ids, role]
+        offsets_mm = (config.sample_inertia * coarse + self._sample_sum[ids, role]) / (config.sample_inertia + seen)
+
+        outline_spread = np.where(
+            seen > 0,
+            config.known_spread,
+            np.where(self._cell_count[cell] > 2, config.cell_spread, config.unknown_spread),
+        )
+        spread_px = np.where(outline, outline_spread, config.inner_spread) * scale
+        weights = config.edge_spread_px**2 / (config.edge_spread_px**2 + spread_px**2)
+        return ExpectedOffsets(offsets_mm * px_per_mm, weights, offsets_mm, px_per_mm)
+
+    def learn(self, ids: np.ndarray, outline: np.ndarray, expected: ExpectedOffsets, residuals_px: np.ndarray) -> None:
+        """Take in what a trusted pose shows.
+
+        Args:
+            residuals_px: (n,) from the expected to the seen place along the normals, NaN where nothing was seen.
+        """
+        rows = np.flatnonzero(np.isfinite(residuals_px) & (expected.px_per_mm != 0.0))
+        measured = expected.offsets_mm[rows] + residuals_px[rows] / expected.px_per_mm[rows]
+        measured = np.clip(measured, -self.config.largest, self.config.largest)
+        role = outline[rows].astype(np.intp)
+        np.add.at(self._sample_count, (ids[rows], role), 1.0)
+        np.add.at(self._sample_sum, (ids[rows], role), measured)
+        shared = outline[rows] & self.edges.convex[ids[rows]]
+        cells = self._cell_of[ids[rows[shared]]]
+        np.add.at(self._cell_count, cells, 1.0)
+        np.add.at(self._cell_sum, cells, measured[shared])

@@ -1,0 +1,99 @@
+"""Gauss-Newton on the pose, damped in control-point pixels.
+
+A pose step is six numbers about the part's own centre: rotation vector w (rad) and shift v (mm), in
+camera axes. Point-to-line residuals give the normal equations; the damping is mu times the squared
+motion of the four image control points, |J_cp step|^2, so that the step is limited in the image and
+no balance between radians and millimetres has to be chosen (the unit problem of paper Fig. 1).
+Deviation from paper IV-B, which frees all eight coordinates: here they move as a rigid part can.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import so3_exp
+
+
+def centre_position(cam_T_obj: np.ndarray, centre_obj: np.ndarray) -> np.ndarray:
+    """(3,) mm: where the object point `centre_obj` (3,) is in the camera frame."""
+    centre: np.ndarray = cam_T_obj[:3, :3] @ centre_obj + cam_T_obj[:3, 3]
+    return centre
+
+
+def move_pose(cam_T_obj: np.ndarray, centre_obj: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Rotate by step[:3] (rad, camera axes) about the object point `centre_obj` (3,), then shift by step[3:] (mm)."""
+    moved = np.eye(4)
+    rotation = so3_exp(step[:3]) @ cam_T_obj[:3, :3]
+    moved[:3, :3] = rotation
+    moved[:3, 3] = centre_position(cam_T_obj, centre_obj) + step[3:] - rotation @ centre_obj
+    return moved
+
+
+def image_directions(points_cam: np.ndarray, normals: np.ndarray, camera: Camera) -> np.ndarray:
+    """(n, 3) a with a . u = motion in px along the image normal when the point moves by u mm (camera axes).
+
+    Args:
+        points_cam: (n, 3) mm.
+        normals: (n, 2) unit, image.
+    """
+    inverse_depth = 1.0 / points_cam[:, 2]
+    ax = camera.fx * normals[:, 0] * inverse_depth
+    ay = camera.fy * normals[:, 1] * inverse_depth
+    az = -(ax * points_cam[:, 0] + ay * points_cam[:, 1]) * inverse_depth
+    return np.stack([ax, ay, az], 1)
+
+
+def step_jacobian(points_cam: np.ndarray, directions: np.ndarray, centre_cam: np.ndarray) -> np.ndarray:
+    """(n, 6) derivative of the motion along the normal by a pose step (w, v) about `centre_cam` (3,).
+
+    `directions` are those of `image_directions`; a . (w x r) = w . (r x a).
+    """
+    arms = points_cam - centre_cam
+    jacobian = np.empty((len(points_cam), 6))
+    jacobian[:, 0] = arms[:, 1] * directions[:, 2] - arms[:, 2] * directions[:, 1]
+    jacobian[:, 1] = arms[:, 2] * directions[:, 0] - arms[:, 0] * directions[:, 2]
+    jacobian[:, 2] = arms[:, 0] * directions[:, 1] - arms[:, 1] * directions[:, 0]
+    jacobian[:, 3:] = directions
+    return jacobian
+
+
+def control_point_jacobian(points_cam: np.ndarray, centre_cam: np.ndarray, camera: Camera) -> np.ndarray:
+    """(8, 6) derivative of the image control points I (x1, y1, ..., y4) by a pose step.
+
+    Args:
+        points_cam: (4, 3) W in the camera frame, mm.
+    """
+    along_x = image_directions(points_cam, np.tile([1.0, 0.0], (4, 1)), camera)
+    along_y = image_directions(points_cam, np.tile([0.0, 1.0], (4, 1)), camera)
+    jacobian = np.empty((8, 6))
+    jacobian[0::2] = step_jacobian(points_cam, along_x, centre_cam)
+    jacobian[1::2] = step_jacobian(points_cam, along_y, centre_cam)
+    return jacobian
+
+
+def gauss_newton_step(
+    jacobian: np.ndarray,
+    residuals: np.ndarray,
+    weights: np.ndarray,
+    control_jacobian: np.ndarray,
+    damping: float,
+) -> np.ndarray:
+    """The pose step (6,) that minimises  sum w (r - J s)^2 / sum w + damping |J_cp s|^2.
+
+    Args:
+        jacobian: (n, 6).
+        residuals: (n,) px still to go along the normals.
+        weights: (n,) not negative.
+        control_jacobian: (8, 6) of the image control points.
+        damping: mu, per squared px of control-point motion.
+
+    Returns:
+        (6,); zeros where nothing has weight.
+    """
+    total = float(weights.sum())
+    if not total > 0.0:
+        return np.zeros(6)
+    weighted = jacobian * weights[:, None]
+    hessian = weighted.T @ jacobian / total + damping * (control_jacobian.T @ control_jacobian)
+    return np.linalg.solve(hessian, weighted.T @ residuals / total)

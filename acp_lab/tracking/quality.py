@@ -1,0 +1,53 @@
+"""From quality to state: tracking, weak or lost, with hysteresis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from acp_lab.tracking.observer import TrackState
+
+
+@dataclass(frozen=True)
+class StateConfig:
+    """Thresholds on the quality in [0, 1].
+
+    Attributes:
+        weak_below, tracking_above: tracking becomes weak below the first, weak becomes tracking above the second.
+        lost_below, found_above: likewise for lost.
+        patience: frames in a row below `lost_below` before a part counts as lost.
+    """
+
+    weak_below: float = 0.27
+    tracking_above: float = 0.30
+    lost_below: float = 0.20
+    found_above: float = 0.27
+    patience: int = 2
+
+
+class StateMachine:
+    """The state of one tracked part."""
+
+    def __init__(self, config: StateConfig) -> None:
+        self.config = config
+        self.state = TrackState.TRACKING
+        self._low = 0
+
+    def is_time_to_search(self) -> bool:
+        """While lost: in the 1st, 2nd, 4th, 8th ... lost frame; a wide search takes as long as many frames."""
+        lost_frames = self._low - self.config.patience + 1
+        return self.state is TrackState.LOST and lost_frames & (lost_frames - 1) == 0
+
+    def update(self, quality: float) -> str:
+        """Take in a frame's quality; returns the reason when the state changed, else an empty string."""
+        config, before = self.config, self.state
+        self._low = self._low + 1 if quality < config.lost_below else 0
+        if self._low >= config.patience:
+            self.state = TrackState.LOST
+        elif before is TrackState.LOST:
+            if quality > config.found_above:
+                self.state = TrackState.TRACKING if quality > config.tracking_above else TrackState.WEAK
+        elif quality < config.weak_below:
+            self.state = TrackState.WEAK
+        elif quality > config.tracking_above:
+            self.state = TrackState.TRACKING
+        return "" if self.state is before else f"{before} -> {self.state}: quality {quality:.2f}"

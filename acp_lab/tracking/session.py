@@ -1,0 +1,119 @@
+"""The frame loop: several parts tracked side by side through one sequence, with observers listening."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from acp_lab.cad.part import Part
+from acp_lab.errors import SequenceError
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.protocol import Sequence
+from acp_lab.sequences.results_csv import ResultRow
+from acp_lab.tracking.observer import Observer, SessionInfo, TrackedObject, TrackResult
+
+
+class PartTracker(Protocol):
+    """What every method offers: start with a pose, then follow."""
+
+    part: Part
+
+    def start(self, frame: Frame, cam_T_obj: np.ndarray) -> TrackResult:
+        """Begin at a pose (4, 4) in the first frame."""
+        ...
+
+    def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
+        """The pose in the next frame."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class TrackRun:
+    """All results of one session, without the images.
+
+    Attributes:
+        name: of the sequence; scene_id: its id in results; method: such as "acp".
+        results: per object id, one result per frame in order.
+    """
+
+    name: str
+    scene_id: int
+    method: str
+    results: Mapping[int, tuple[TrackResult, ...]]
+
+    @property
+    def rows(self) -> tuple[ResultRow, ...]:
+        """As rows of results.csv, frame by frame."""
+        rows = [
+            ResultRow(
+                self.scene_id,
+                result.frame_id,
+                object_id,
+                result.quality,
+                result.cam_T_obj,
+                result.timings.total_s,
+            )
+            for object_id, results in self.results.items()
+            for result in results
+        ]
+        return tuple(sorted(rows, key=lambda row: (row.im_id, row.obj_id)))
+
+    def __str__(self) -> str:
+        lines = []
+        for object_id, results in self.results.items():
+            times = [result.timings.total_s for result in results[1:]] or [float("nan")]
+            quality = float(np.median([result.quality for result in results]))
+            lines.append(
+                f"{self.name}, object {object_id}, {self.method}: {len(results)} frames, median quality {quality:.2f}, "
+                f"{1e3 * float(np.median(times)):.1f} ms per frame, last state {results[-1].state}"
+            )
+        return "\n".join(lines)
+
+
+def track_sequence(
+    trackers: Mapping[int, PartTracker],
+    sequence: Sequence,
+    starts: Mapping[int, np.ndarray],
+    observers: Iterable[Observer] = (),
+    max_frames: int | None = None,
+    method: str = "acp",
+) -> TrackRun:
+    """Track objects through a sequence; the first frame is tracked from the start poses and has results too.
+
+    Args:
+        trackers: by object id.
+        starts: (4, 4) cam_T_obj in the first frame, by object id.
+
+    Raises:
+        SequenceError: no frames, or the first one cannot be read.
+        TrackingError: a part is not seen at its start pose.
+    """
+    listening = tuple(observers)
+    results: dict[int, list[TrackResult]] = {object_id: [] for object_id in trackers}
+    tracked = tuple(TrackedObject(object_id, tracker.part) for object_id, tracker in trackers.items())
+    info = SessionInfo(sequence.name, sequence.scene_id, method, tracked, sequence.truth)
+    try:
+        for observer in listening:
+            observer.on_start(info)
+        for number, frame in enumerate(sequence.frames(max_frames)):
+            of_frame: dict[int, TrackResult] = {}
+            for object_id, tracker in trackers.items():
+                if number > 0:
+                    of_frame[object_id] = tracker.track(frame)
+                elif isinstance(frame, UnreadableFrame):
+                    raise SequenceError(f"{frame.reason}: the first frame must be readable, tracking starts there")
+                else:
+                    of_frame[object_id] = tracker.start(frame, starts[object_id])
+                results[object_id].append(of_frame[object_id])
+            for observer in listening:
+                observer.on_frame(frame, of_frame)
+    finally:
+        # Also after Ctrl-C: files are closed and keep what was tracked.
+        for observer in listening:
+            observer.on_end()
+    if not any(results.values()):
+        raise SequenceError(f"{sequence.name}: there is no frame to track")
+    return TrackRun(sequence.name, sequence.scene_id, method, {k: tuple(v) for k, v in results.items()})

@@ -1,0 +1,269 @@
+"""The tracker of one part: predict, align, learn, frame by frame (`--method acp`).
+
+The state that goes from frame to frame is the paper's: four image control points I with their 3D points
+W. They are moved as a rigid part moves them; with that tie the pose and I say the same, and planar PnP of
+I gives the pose back (paper IV-B).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.view_regions import choose_region
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import rotation_angle_deg
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.alignment import Aligner, Alignment, SolverConfig, Stopwatch
+from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
+from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
+from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.motion import ConstantVelocity
+from acp_lab.tracking.observer import Observer, Timings, TrackResult, TrackState
+from acp_lab.tracking.optimiser import centre_position
+from acp_lab.tracking.quality import StateConfig, StateMachine
+from acp_lab.tracking.session import TrackRun, track_sequence
+from acp_lab.tracking.start import OBSERVE_REACH_PX, StartConfig, is_trusted, search_around
+
+ALL_SAMPLES = 1_000_000
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """Everything that can be set; the defaults are the same for every part and sequence.
+
+    Attributes:
+        search, memory, offsets, solver, start, state: settings of the stages.
+        largest_turn_deg: no part turns more from one frame to the next; nor does it move by its own size.
+        margin_px: image kept around the part beyond the search.
+        quality_rate: share of a new frame in the running mean of the quality.
+        learn_above: share of that mean below which nothing is learnt.
+        second_try_below: share of that mean below which the part is also sought where it was last.
+    """
+
+    search: SearchConfig = field(default_factory=SearchConfig)
+    memory: MemoryConfig = field(default_factory=MemoryConfig)
+    offsets: OffsetConfig = field(default_factory=OffsetConfig)
+    solver: SolverConfig = field(default_factory=SolverConfig)
+    start: StartConfig = field(default_factory=StartConfig)
+    state: StateConfig = field(default_factory=StateConfig)
+    largest_turn_deg: float = 45.0
+    margin_px: float = 12.0
+    quality_rate: float = 0.1
+    learn_above: float = 0.7
+    second_try_below: float = 0.8
+
+
+class Tracker:
+    """Tracks one prepared part: `start` with a pose, then `track` frame after frame."""
+
+    def __init__(self, model: PreparedPart, config: TrackerConfig | None = None) -> None:
+        self.model = model
+        self.config = config or TrackerConfig()
+        self.part = model.part
+        self.generator = model.best_generator()
+        self._half_size = 0.5 * self.part.box_size
+        self._motion = ConstantVelocity(self.part.box_centre)
+        self._new_memories()
+
+    @property
+    def generator_name(self) -> str:
+        """'learned' or 'templates': which t(I) is in use."""
+        return self.generator.name
+
+    @property
+    def start_was_trusted(self) -> bool:
+        """Whether edge offsets were measured in the first frame (see `start.is_trusted`)."""
+        return self._trusted
+
+    def start(self, frame: Frame, cam_T_obj: np.ndarray) -> TrackResult:
+        """Begin at a pose (4, 4) in the first frame.
+
+        Raises:
+            TrackingError: the part at that pose is behind the camera, outside the image or shows too few edges.
+        """
+        begin, clock = time.perf_counter(), Stopwatch()
+        self._new_memories()
+        pose = np.array(cam_T_obj, np.float64)
+        self._region = self._choose_region(pose, None)
+        patch = self._patch(frame, pose, clock)
+        solved = None
+        if patch is not None:
+            solved = self.aligner.align(patch, frame.camera, pose, self._region, clock, use_memory=False)
+        if patch is None or solved is None:
+            raise TrackingError(
+                f"{self.part.name}: at the start pose t = {np.round(pose[:3, 3], 1).tolist()} mm the part is not seen "
+                f"in frame {frame.index} ({frame.camera.width}x{frame.camera.height}); check pose, unit and camera"
+            )
+        self._trusted = is_trusted(self.aligner, patch, frame.camera, pose, solved, self._region, self.config.start)
+        if not self._trusted:
+            found = search_around(self.aligner, patch, frame.camera, pose, self._region, self.config.start)
+            pose = (found or solved).cam_T_obj
+        # Where the search left the image, stay with what was given.
+        alignment = self._look(patch, frame.camera, pose, clock) or solved
+        if self._trusted:
+            seen = alignment.observation
+            residuals = alignment.residuals_px(min_found=0.1)
+            self.offsets.learn(seen.visible.ids, seen.visible.outline, seen.expected, residuals)
+        self._motion.restart(alignment.cam_T_obj)
+        self._mean_quality = alignment.quality
+        self._learn(alignment, clock)
+        return self._result(frame, alignment, clock, time.perf_counter() - begin, "")
+
+    def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
+        """The pose in the next frame; an unreadable frame gets the predicted pose and quality 0."""
+        begin, clock = time.perf_counter(), Stopwatch()
+        predicted = self._motion.predict()
+        if isinstance(frame, UnreadableFrame):
+            self._motion.observe(predicted)
+            return self._blind(frame, predicted, clock, time.perf_counter() - begin, frame.reason)
+        self._region = self._choose_region(predicted, self._region)
+        alignment = self._attempt(frame, predicted, clock)
+        floor = self.config.second_try_below * self._mean_quality
+        if alignment is None or alignment.quality < floor:
+            alignment = self._second_try(frame, alignment, clock)
+        if alignment is None:
+            self._states.update(0.0)
+            # Prediction without sight runs away; the last pose is the better guess.
+            pose = self._motion.last
+            self._motion.restart(pose)
+            return self._blind(frame, pose, clock, time.perf_counter() - begin, "the part is not seen")
+        note = self._states.update(alignment.quality)
+        if alignment.quality > self.config.state.lost_below:
+            self._motion.observe(alignment.cam_T_obj)
+        else:  # the motion of a pose that fits nothing is noise; extrapolating it runs away
+            self._motion.restart(alignment.cam_T_obj)
+        if alignment.quality > self.config.learn_above * self._mean_quality:
+            self._mean_quality += self.config.quality_rate * (alignment.quality - self._mean_quality)
+            self._learn(alignment, clock)
+        return self._result(frame, alignment, clock, time.perf_counter() - begin, note)
+
+    def run(self, sequence: Sequence, start: np.ndarray, observers: Iterable[Observer] = ()) -> TrackRun:
+        """Track a sequence of one object from a start pose (4, 4) in its first frame."""
+        object_id = sequence.object_ids[0] if sequence.object_ids else 1
+        return track_sequence({object_id: self}, sequence, {object_id: start}, observers)
+
+    def _new_memories(self) -> None:
+        config, edges = self.config, self.generator.edges
+        self.memory = EdgeMemory(len(edges), config.memory)
+        self.offsets = ContourOffsets(edges, self.part.diameter, self.model.edge_break_mm, config.offsets)
+        self.aligner = Aligner(self.part, self.generator, self.memory, self.offsets, config.search, config.solver)
+        self._states = StateMachine(config.state)
+        self._trusted = False
+        self._region = 0
+        self._mean_quality = 0.0
+
+    def _choose_region(self, cam_T_obj: np.ndarray, current: int | None) -> int:
+        return choose_region(eye_position(cam_T_obj) - self.part.box_centre, self._half_size, current)
+
+    def _patch(self, frame: Frame, pose: np.ndarray, clock: Stopwatch) -> ImagePatch | None:
+        clock.lap()
+        margin = self.config.margin_px + self.config.solver.levels[0].reach_px
+        patch = self.aligner.patch(frame.image, frame.camera, pose, margin)
+        clock.image_s += clock.lap()
+        return patch
+
+    def _attempt(self, frame: Frame, pose: np.ndarray, clock: Stopwatch) -> Alignment | None:
+        patch = self._patch(frame, pose, clock)
+        if patch is None:
+            return None
+        found = self.aligner.align(patch, frame.camera, pose, self._region, clock)
+        return found if found and self._is_plausible(found.cam_T_obj) else None
+
+    def _is_plausible(self, pose: np.ndarray) -> bool:
+        """Whether a pose can follow the last one at all; a diverged solution never can."""
+        last, centre = self._motion.last, self.part.box_centre
+        now, before = centre_position(pose, centre), centre_position(last, centre)
+        turned_deg = rotation_angle_deg(pose[:3, :3], last[:3, :3])
+        return bool(turned_deg < self.config.largest_turn_deg and np.linalg.norm(now - before) < 2.0 * self.part.radius)
+
+    def _second_try(self, frame: Frame, first: Alignment | None, clock: Stopwatch) -> Alignment | None:
+        """From where the part was last; when it is lost, also from turned poses around there."""
+        last = self._motion.last
+        second = self._attempt(frame, last, clock)
+        if self._states.is_time_to_search():
+            patch = self._patch(frame, last, clock)
+            if patch is not None:
+                found = search_around(
+                    self.aligner, patch, frame.camera, last, self._region, self.config.start, use_memory=True
+                )
+                second = _better(second, found if found and self._is_plausible(found.cam_T_obj) else None)
+        return _better(first, second)
+
+    def _look(self, patch: ImagePatch, camera: Camera, pose: np.ndarray, clock: Stopwatch) -> Alignment | None:
+        """All visible samples at a fixed pose, for learning."""
+        seen = self.aligner.observe(
+            patch, camera, pose, self._region, OBSERVE_REACH_PX, clock, use_memory=False, samples=ALL_SAMPLES
+        )
+        return None if seen is None else self.aligner.judge(seen, camera, pose)
+
+    def _learn(self, alignment: Alignment, clock: Stopwatch) -> None:
+        clock.lap()
+        seen = alignment.observation
+        residuals = np.nan_to_num(alignment.residuals_px(), nan=np.inf)
+        self.memory.learn(seen.visible.ids, seen.candidates, alignment.best, residuals)
+        clock.learn_s += clock.lap()
+
+    def _result(self, frame: Frame, alignment: Alignment, clock: Stopwatch, elapsed_s: float, note: str) -> TrackResult:
+        pose = alignment.cam_T_obj
+        return TrackResult(
+            frame_id=frame.index,
+            cam_T_obj=pose,
+            control_points=self._control_points(frame.camera, pose),
+            loss=alignment.loss,
+            quality=min(max(alignment.quality, 0.0), 1.0),
+            state=self._states.state,
+            region=self._region,
+            edges=self.aligner.generated(alignment, frame.camera),
+            residuals_px=alignment.residuals_px(),
+            iterations=alignment.iterations,
+            timings=_timings(clock, frame.undistort_s, elapsed_s),
+            note=note,
+        )
+
+    def _blind(
+        self, frame: Frame | UnreadableFrame, pose: np.ndarray, clock: Stopwatch, elapsed_s: float, note: str
+    ) -> TrackResult:
+        points = np.full((4, 2), np.nan) if frame.camera is None else self._control_points(frame.camera, pose)
+        return TrackResult(
+            frame_id=frame.index,
+            cam_T_obj=pose,
+            control_points=points,
+            loss=float("nan"),
+            quality=0.0,
+            state=self._states.state,
+            region=self._region,
+            edges=None,
+            residuals_px=None,
+            iterations=0,
+            timings=_timings(clock, getattr(frame, "undistort_s", 0.0), elapsed_s),
+            note=note,
+        )
+
+    def _control_points(self, camera: Camera, pose: np.ndarray) -> np.ndarray:
+        return camera.project(self.aligner.control_points_obj[self._region] @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _better(first: Alignment | None, second: Alignment | None) -> Alignment | None:
+    if first is None or second is None:
+        return first or second
+    return second if second.quality > first.quality else first
+
+
+def _timings(clock: Stopwatch, undistort_s: float, elapsed_s: float) -> Timings:
+    return Timings(
+        undistort_s,
+        clock.image_s,
+        clock.generate_s,
+        clock.search_s,
+        clock.solve_s,
+        clock.learn_s,
+        undistort_s + elapsed_s,
+    )
