@@ -23,8 +23,8 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import inverse, make_pose, rotation_angle_deg, so3_exp, transform
 
-_OFF_PLANE = 1e-6
-"""W may leave its plane by this share of its size: float32 files round by about 1e-7."""
+_OFF_PLANE = 1e-4
+"""W may leave its plane by this share of its size: files in float32 or with three decimals round."""
 _FLAT_OBJ = 1e-4
 _FLAT_PX = 1e-3
 """Three points closer to one line than this (share of the size; px) carry no pose."""

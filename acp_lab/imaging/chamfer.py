@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import FloatArray
@@ -40,6 +39,9 @@ def nearest_distances(points_a: FloatArray, points_b: FloatArray) -> FloatArray:
     a, b = _points(points_a, "first"), _points(points_b, "second")
     if a.shape[1] != b.shape[1]:
         raise GeometryError(f"Chamfer between {a.shape[1]}-d and {b.shape[1]}-d points: give both in one frame")
+    # Here and not above: SciPy's import would slow down every start of whoever needs Canny alone.
+    from scipy.spatial import cKDTree
+
     distances, _ = cKDTree(b).query(a)
     return np.asarray(distances, dtype=np.float64)
 

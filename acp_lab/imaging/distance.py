@@ -12,7 +12,6 @@ import math
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import BoolArray, Float32Array
@@ -41,6 +40,9 @@ def nearest_edges(edges: BoolArray) -> NDArray[np.int32]:
     mask = _edge_mask(edges)
     if not mask.any():
         raise GeometryError("edge map has no edge pixel: lower the thresholds, or skip this frame")
+    # Here and not above: SciPy's import would slow down every start of whoever needs Canny alone.
+    from scipy.ndimage import distance_transform_edt
+
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return np.stack([columns, rows], axis=2).astype(np.int32, copy=False)
 

@@ -48,7 +48,7 @@ class Level:
     sigma_px: float
 
 
-TRACKING_LEVELS = (Level(20, 6.0), Level(12, 4.0), Level(8, 2.0), Level(6, 1.0), Level(5, 1.0))
+TRACKING_LEVELS = (Level(20, 6.0), Level(8, 2.0), Level(5, 1.0))
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class SolverConfig:
     """
 
     levels: tuple[Level, ...] = TRACKING_LEVELS
-    steps_per_level: int = 2
-    samples: int = 300
+    steps_per_level: int = 3
+    samples: int = 400
     outlier: float = 0.5
     damping: float = 2e-3
     min_score: float = 0.02
@@ -107,6 +107,8 @@ class Observation:
         targets: (n, m) px along the normal from the generated point to where the candidate says it belongs,
             its expected offset taken off.
         expected: the offsets.
+        jacobian: (n, 6) of motion along the normals, control_jacobian: (8, 6) of the control points, by a pose
+            step; taken at this pose, they serve for all steps of a level.
     """
 
     visible: VisibleSamples
@@ -116,6 +118,8 @@ class Observation:
     scores: np.ndarray
     targets: np.ndarray
     expected: ExpectedOffsets
+    jacobian: np.ndarray
+    control_jacobian: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -216,11 +220,23 @@ class Aligner:
         if use_memory:
             scores = scores * self.memory.factors(visible.ids, candidates)
         scores = np.where(scores > self.solver.min_score, scores, 0.0) * visible.weights[:, None]
-        directions_obj = image_directions(points_cam, normals, camera) @ cam_T_obj[:3, :3]
-        expected = self.offsets.expect(visible.ids, visible.outline, directions_obj)
+        directions = image_directions(points_cam, normals, camera)
+        expected = self.offsets.expect(visible.ids, visible.outline, directions @ cam_T_obj[:3, :3])
         targets = candidates.offsets - expected.offsets_px[:, None]
         clock.search_s += clock.lap()
-        return Observation(visible, points, normals, candidates, scores, targets, expected)
+        centre_cam = centre_position(cam_T_obj, self.part.box_centre)
+        control_cam = self.control_points_obj[region] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
+        return Observation(
+            visible,
+            points,
+            normals,
+            candidates,
+            scores,
+            targets,
+            expected,
+            step_jacobian(points_cam, directions, centre_cam),
+            control_point_jacobian(control_cam, centre_cam, camera),
+        )
 
     def align(
         self,
@@ -241,7 +257,7 @@ class Aligner:
             if observation is None:
                 return None
             for _ in range(solver.steps_per_level):
-                moved = self._step(observation, camera, pose, region, level.sigma_px)
+                moved = self._step(observation, camera, pose, level.sigma_px)
                 if moved is None:
                     return None
                 pose, iterations = moved, iterations + 1
@@ -253,7 +269,7 @@ class Aligner:
 
     def judge(self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray, iterations: int = 0) -> Alignment:
         """How well the candidates of an observation fit a pose (4, 4) near the one it was made at."""
-        _, distances = self._distances(observation, camera, cam_T_obj)
+        distances = self._distances(observation, camera, cam_T_obj)
         sigma = self.solver.quality_sigma_px
         fit = observation.scores * np.exp(-0.5 * (distances / sigma) ** 2)
         best = fit.argmax(1)
@@ -267,30 +283,23 @@ class Aligner:
         tangents = image_tangents(points_cam, edges.tangents_obj[visible.ids] @ pose[:3, :3].T, camera)
         return GeneratedEdges(camera.project(points_cam), tangents, visible.weights, visible.ids)
 
-    def _distances(
-        self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Samples (n, 3) in the camera frame and their distances (n, m) px to the candidates at another pose."""
-        points_cam = self.generator.edges.points_obj[observation.visible.ids] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
-        shift = camera.project(points_cam) - observation.points
-        moved = np.einsum("nj,nj->n", shift, observation.normals)
-        return points_cam, observation.targets - moved[:, None]
+    def _distances(self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray) -> np.ndarray:
+        """(n, m) px along the normals from the samples at another pose (4, 4) to the candidates."""
+        points_obj = self.generator.edges.points_obj[observation.visible.ids]
+        shift = camera.project(points_obj @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]) - observation.points
+        moved: np.ndarray = np.einsum("nj,nj->n", shift, observation.normals)
+        return observation.targets - moved[:, None]
 
-    def _step(
-        self, observation: Observation, camera: Camera, pose: np.ndarray, region: int, sigma_px: float
-    ) -> np.ndarray | None:
-        points_cam, distances = self._distances(observation, camera, pose)
+    def _step(self, observation: Observation, camera: Camera, pose: np.ndarray, sigma_px: float) -> np.ndarray | None:
+        distances = self._distances(observation, camera, pose)
         if not np.isfinite(distances).all():
             return None
         assigned = soft_assignment(distances, observation.scores, sigma_px, self.solver.outlier)
         weights = assigned.weights
         if sigma_px <= self.solver.offsets_from_sigma_px:
             weights = weights * observation.expected.weights
-        centre_cam = centre_position(pose, self.part.box_centre)
-        jacobian = step_jacobian(points_cam, image_directions(points_cam, observation.normals, camera), centre_cam)
-        w_cam = self.control_points_obj[region] @ pose[:3, :3].T + pose[:3, 3]
-        control = control_point_jacobian(w_cam, centre_cam, camera)
-        # The mean over four points rather than their sum, so that damping is per px of one point.
-        step = gauss_newton_step(jacobian, assigned.residuals, weights, 0.5 * control, self.solver.damping)
+        # Half of the control points' Jacobian: the mean over four points, so that damping is per px of one.
+        control = 0.5 * observation.control_jacobian
+        step = gauss_newton_step(observation.jacobian, assigned.residuals, weights, control, self.solver.damping)
         moved = move_pose(pose, self.part.box_centre, step)
         return moved if np.isfinite(moved).all() and moved[2, 3] > 0 else None

@@ -101,32 +101,29 @@ def search_along_normals(
     map_x = start[:, :1] + direction[:, :1] * steps
     map_y = start[:, 1:] + direction[:, 1:] * steps
     profile = cv2.remap(patch.channels, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    gradient_x, gradient_y, grey = profile[..., 0], profile[..., 1], profile[..., 2]
+    gradient_x, gradient_y, grey = cv2.split(profile)
     along = gradient_x * direction[:, :1] + gradient_y * direction[:, 1:]
+    square = along * along
+    # Contrast, and the squared cosine between gradient and normal.
+    score = square / (square + config.contrast**2)
+    score *= square / (gradient_x * gradient_x + gradient_y * gradient_y + 1e-6)
 
     # Peaks are looked for inside the reach only; the flanks beyond it serve the grey levels.
-    inner = slice(FLANK_PX, -FLANK_PX)
-    size = np.abs(along)
-    here, left, right = (
-        size[:, inner],
-        size[:, FLANK_PX - 1 : -FLANK_PX - 1],
-        size[:, FLANK_PX + 1 : 1 - FLANK_PX],
-    )
-    square = here * here
-    across = gradient_x[:, inner] ** 2 + gradient_y[:, inner] ** 2
-    score = square / (square + config.contrast**2) * square / (across + 1e-6)
-    score[~((here > left) & (here >= right))] = 0.0
+    inner, left, right = (slice(FLANK_PX + k, k - FLANK_PX) for k in (0, -1, 1))
+    peaks = (square[:, inner] > square[:, left]) & (square[:, inner] >= square[:, right])
+    score = np.where(peaks, score[:, inner], np.float32(0.0))
 
     count = min(config.max_candidates, score.shape[1])
     best = np.argpartition(score, -count, axis=1)[:, -count:]
     rows = np.arange(len(points))[:, None]
-    peak, before_peak, after_peak = here[rows, best], left[rows, best], right[rows, best]
+    column = best + FLANK_PX
+    before_peak, peak, after_peak = (np.abs(along[rows, column + k]) for k in (-1, 0, 1))
     curvature = before_peak - 2.0 * peak + after_peak
     shift = 0.5 * (before_peak - after_peak) / np.where(curvature < -1e-6, curvature, -1e-6)
     return Candidates(
         offsets=(best - reach_px + np.clip(shift, -0.5, 0.5)).astype(np.float64),
         scores=score[rows, best].astype(np.float64),
-        gradients=along[rows, best + FLANK_PX].astype(np.float64),
+        gradients=along[rows, column].astype(np.float64),
         before=grey[rows, best].astype(np.float64),
         after=grey[rows, best + 2 * FLANK_PX].astype(np.float64),
     )

@@ -26,9 +26,10 @@ from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
 from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
 from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.motion import ConstantVelocity
-from acp_lab.tracking.observer import Observer, Timings, TrackResult, TrackState
+from acp_lab.tracking.observer import Observer, Timings, TrackResult
 from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.quality import StateConfig, StateMachine
+from acp_lab.tracking.recovery import shifted_poses, try_poses
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.start import OBSERVE_REACH_PX, StartConfig, is_trusted, search_around
 
@@ -46,6 +47,7 @@ class TrackerConfig:
         quality_rate: share of a new frame in the running mean of the quality.
         learn_above: share of that mean below which nothing is learnt.
         second_try_below: share of that mean below which the part is also sought where it was last.
+        third_try_below: share of that mean below which it is sought `shift_px` around there, too.
     """
 
     search: SearchConfig = field(default_factory=SearchConfig)
@@ -56,9 +58,11 @@ class TrackerConfig:
     state: StateConfig = field(default_factory=StateConfig)
     largest_turn_deg: float = 45.0
     margin_px: float = 12.0
-    quality_rate: float = 0.1
+    quality_rate: float = 0.2
     learn_above: float = 0.7
-    second_try_below: float = 0.8
+    second_try_below: float = 0.9
+    third_try_below: float = 0.85
+    shift_px: float = 14.0
 
 
 class Tracker:
@@ -141,8 +145,9 @@ class Tracker:
         else:  # the motion of a pose that fits nothing is noise; extrapolating it runs away
             self._motion.restart(alignment.cam_T_obj)
         if alignment.quality > self.config.learn_above * self._mean_quality:
-            self._mean_quality += self.config.quality_rate * (alignment.quality - self._mean_quality)
             self._learn(alignment, clock)
+        # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
+        self._mean_quality += self.config.quality_rate * (alignment.quality - self._mean_quality)
         return self._result(frame, alignment, clock, time.perf_counter() - begin, note)
 
     def run(self, sequence: Sequence, start: np.ndarray, observers: Iterable[Observer] = ()) -> TrackRun:
@@ -175,7 +180,7 @@ class Tracker:
         if patch is None:
             return None
         found = self.aligner.align(patch, frame.camera, pose, self._region, clock)
-        return found if found and self._is_plausible(found.cam_T_obj) else None
+        return self._plausible(found)
 
     def _is_plausible(self, pose: np.ndarray) -> bool:
         """Whether a pose can follow the last one at all; a diverged solution never can."""
@@ -185,17 +190,24 @@ class Tracker:
         return bool(turned_deg < self.config.largest_turn_deg and np.linalg.norm(now - before) < 2.0 * self.part.radius)
 
     def _second_try(self, frame: Frame, first: Alignment | None, clock: Stopwatch) -> Alignment | None:
-        """From where the part was last; when it is lost, also from turned poses around there."""
+        """From where the part was last and from poses around there; from far around when it is lost."""
         last = self._motion.last
-        second = self._attempt(frame, last, clock)
+        best = _better(first, self._attempt(frame, last, clock))
+        patch = self._patch(frame, last, clock)
+        if patch is None:
+            return best
+        if best is None or best.quality < self.config.third_try_below * self._mean_quality:
+            starts = shifted_poses(last, self.part.box_centre, frame.camera, self.config.shift_px)
+            best = _better(best, self._plausible(try_poses(self.aligner, patch, frame.camera, starts, self._region)))
         if self._states.is_time_to_search():
-            patch = self._patch(frame, last, clock)
-            if patch is not None:
-                found = search_around(
-                    self.aligner, patch, frame.camera, last, self._region, self.config.start, use_memory=True
-                )
-                second = _better(second, found if found and self._is_plausible(found.cam_T_obj) else None)
-        return _better(first, second)
+            found = search_around(
+                self.aligner, patch, frame.camera, last, self._region, self.config.start, use_memory=True
+            )
+            best = _better(best, self._plausible(found))
+        return best
+
+    def _plausible(self, alignment: Alignment | None) -> Alignment | None:
+        return alignment if alignment and self._is_plausible(alignment.cam_T_obj) else None
 
     def _look(self, patch: ImagePatch, camera: Camera, pose: np.ndarray, clock: Stopwatch) -> Alignment | None:
         """All visible samples at a fixed pose, for learning."""

@@ -25,9 +25,7 @@ def directions(draw: st.DrawFn) -> FloatArray:
 def angles(largest: float) -> st.SearchStrategy[float]:
     """Angles from 0 to the largest, many of them tiny or just below it."""
     tiny = st.floats(-300.0, -1.0).map(lambda e: 10.0**e)
-    return st.one_of(
-        st.just(0.0), tiny, st.floats(0.0, largest), st.floats(1e-12, 0.1).map(lambda gap: largest - gap)
-    )
+    return st.one_of(st.just(0.0), tiny, st.floats(0.0, largest), st.floats(1e-12, 0.1).map(lambda gap: largest - gap))
 
 
 @st.composite

@@ -48,12 +48,8 @@ def test_there_and_back(src: FloatArray, dst: FloatArray) -> None:
 @given(convex_quads(0.1), convex_quads(0.1), convex_quads(0.1))
 def test_homographies_compose(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
     points = inside(a)
-    by_way = apply_homography(
-        homography_from_points(b, c), apply_homography(homography_from_points(a, b), points)
-    )
-    np.testing.assert_allclose(
-        apply_homography(homography_from_points(a, c), points), by_way, rtol=1e-7, atol=1e-5
-    )
+    by_way = apply_homography(homography_from_points(b, c), apply_homography(homography_from_points(a, b), points))
+    np.testing.assert_allclose(apply_homography(homography_from_points(a, c), points), by_way, rtol=1e-7, atol=1e-5)
 
 
 def test_no_motion_is_the_identity() -> None:
@@ -83,9 +79,7 @@ def test_kornia_agrees(src: FloatArray, dst: FloatArray) -> None:
     h = homography_from_points(src, dst)
     other = get_perspective_transform(torch.from_numpy(src)[None], torch.from_numpy(dst)[None])[0].numpy()
     points = inside(src)
-    np.testing.assert_allclose(
-        apply_homography(h, points), apply_homography(other, points), rtol=1e-6, atol=1e-4
-    )
+    np.testing.assert_allclose(apply_homography(h, points), apply_homography(other, points), rtol=1e-6, atol=1e-4)
 
 
 def test_points_on_the_horizon_are_infinite_without_a_warning() -> None:
@@ -211,9 +205,7 @@ def test_no_homography_from_or_to_a_line(flat: FloatArray) -> None:
 def test_nearly_flat_quads_still_have_a_homography(gap: float) -> None:
     """Control points of a plane seen almost edge-on: ill-conditioned, yet the corners must be met."""
     sliver = np.array([[0.0, 0.0], [100.0, gap], [200.0, 0.0], [100.0, -gap]]) + np.array([800.0, 600.0])
-    np.testing.assert_allclose(
-        apply_homography(homography_from_points(SQUARE, sliver), SQUARE), sliver, atol=1e-6
-    )
+    np.testing.assert_allclose(apply_homography(homography_from_points(SQUARE, sliver), SQUARE), sliver, atol=1e-6)
     back = apply_homography(homography_from_points(sliver, SQUARE), sliver)
     np.testing.assert_allclose(back, SQUARE, atol=1e-5 / gap**0.5)
 

@@ -95,9 +95,7 @@ def test_angle_between_rotations(a: FloatArray, b: FloatArray) -> None:
     angle = rotation_angle_deg(ra, rb)
     assert 0.0 <= angle <= 180.0
     assert angle == pytest.approx(rotation_angle_deg(rb, ra), abs=1e-9)
-    assert angle == pytest.approx(
-        math.degrees((Rotation.from_matrix(ra).inv() * Rotation.from_matrix(rb)).magnitude())
-    )
+    assert angle == pytest.approx(math.degrees((Rotation.from_matrix(ra).inv() * Rotation.from_matrix(rb)).magnitude()))
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 1e-9, 1e-6, 1.0, 90.0, 179.999999, 180.0])
@@ -186,9 +184,7 @@ def test_one_point_or_many() -> None:
 
 
 @given(poses(), twists(largest=2.5), poses())
-def test_interpolation_ends_and_does_not_depend_on_frames(
-    a: FloatArray, xi: FloatArray, frame: FloatArray
-) -> None:
+def test_interpolation_ends_and_does_not_depend_on_frames(a: FloatArray, xi: FloatArray, frame: FloatArray) -> None:
     b = a @ se3_exp(xi)
     np.testing.assert_allclose(interpolate(a, b, 0.0), a, atol=1e-9)
     np.testing.assert_allclose(interpolate(a, b, 1.0), b, atol=1e-8)
@@ -255,18 +251,14 @@ def test_disturbance_repeats_with_its_seed_and_keeps_its_directions() -> None:
         return disturb_pose(pose, centre, angle_deg, shift_mm, np.random.default_rng([7, 1, 2]))
 
     np.testing.assert_array_equal(draw(5.0, 3.0), draw(5.0, 3.0))
-    np.testing.assert_allclose(
-        2.0 * so3_log(draw(5.0, 3.0)[:3, :3]), so3_log(draw(10.0, 0.0)[:3, :3]), atol=1e-12
-    )
+    np.testing.assert_allclose(2.0 * so3_log(draw(5.0, 3.0)[:3, :3]), so3_log(draw(10.0, 0.0)[:3, :3]), atol=1e-12)
     np.testing.assert_allclose(draw(0.0, 0.0), pose, atol=1e-12)
 
 
 def test_disturbance_prefers_no_direction() -> None:
     rng = np.random.default_rng(0)
     pose = make_pose(np.eye(3), np.array([0.0, 0.0, 500.0]))
-    moves = np.array(
-        [se3_log(disturb_pose(pose, np.zeros(3), 1.0, 1.0, rng) @ inverse(pose))[:3] for _ in range(3000)]
-    )
+    moves = np.array([se3_log(disturb_pose(pose, np.zeros(3), 1.0, 1.0, rng) @ inverse(pose))[:3] for _ in range(3000)])
     axes = np.rad2deg(moves)
     assert np.abs(axes.mean(axis=0)).max() < 0.05
     np.testing.assert_allclose(np.cov(axes.T), np.eye(3) / 3.0, atol=0.03)

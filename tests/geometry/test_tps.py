@@ -21,17 +21,13 @@ def test_points_land_where_they_should() -> None:
 def test_it_is_bookstein_s_spline_at_any_scale(rng: np.random.Generator, scale: float) -> None:
     points = rng.uniform(0, 200, (30, 2))
     twin = RBFInterpolator(SRC, DST, kernel="thin_plate_spline", degree=1)(points)
-    np.testing.assert_allclose(
-        warp_points_tps(points * scale, SRC * scale, DST * scale), twin * scale, rtol=1e-7
-    )
+    np.testing.assert_allclose(warp_points_tps(points * scale, SRC * scale, DST * scale), twin * scale, rtol=1e-7)
 
 
 def test_an_affine_motion_stays_affine(rng: np.random.Generator) -> None:
     linear, shift = np.array([[1.1, 0.2], [-0.1, 0.9]]), np.array([5.0, -7.0])
     points = rng.uniform(0, 200, (30, 2))
-    np.testing.assert_allclose(
-        warp_points_tps(points, SRC, SRC @ linear + shift), points @ linear + shift, atol=1e-9
-    )
+    np.testing.assert_allclose(warp_points_tps(points, SRC, SRC @ linear + shift), points @ linear + shift, atol=1e-9)
     three = SRC[:3]
     np.testing.assert_allclose(
         warp_points_tps(points, three, three @ linear + shift), points @ linear + shift, atol=1e-9

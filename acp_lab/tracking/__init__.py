@@ -1,0 +1,21 @@
+"""Tracking: one part frame by frame, several parts through a sequence, and who may listen."""
+
+from __future__ import annotations
+
+from acp_lab.tracking.observer import Observer, SessionInfo, Timings, TrackedObject, TrackResult, TrackState
+from acp_lab.tracking.session import PartTracker, TrackRun, track_sequence
+from acp_lab.tracking.tracker import Tracker, TrackerConfig
+
+__all__ = [
+    "Observer",
+    "PartTracker",
+    "SessionInfo",
+    "Timings",
+    "TrackResult",
+    "TrackRun",
+    "TrackState",
+    "TrackedObject",
+    "Tracker",
+    "TrackerConfig",
+    "track_sequence",
+]
