@@ -96,11 +96,13 @@ def sample_edges(
             more sparsely where that many would be exceeded.
 
     Raises:
-        PartError: the mesh has no edge that could be seen (no faces, or all of them flat).
+        PartError: the mesh is flat, or has no edge that could be seen (every one is shared by three faces or more).
     """
     mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
     spacing = part.diameter / 160.0 if spacing_mm is None else spacing_mm
     face_normals = np.asarray(mesh.face_normals, dtype=np.float64)
+    if np.ptp(part.vertices @ face_normals[0]) < 1e-6 * part.diameter:
+        raise PartError(f"{part.path or part.name}: all faces lie in one plane; export the part as a closed solid")
     pairs = np.asarray(mesh.face_adjacency)
     angle_deg = np.degrees(np.asarray(mesh.face_adjacency_angles))
     convex = np.asarray(mesh.face_adjacency_convex)
@@ -131,8 +133,8 @@ def sample_edges(
         groups.append(_sample_group(part.vertices, rim_vertices, rim_normals, always, always, spacing, None))
     if not groups:
         raise PartError(
-            f"{part.path or part.name}: the mesh has no edges to track (all faces lie in one plane or there are none); "
-            "export the part as a closed solid"
+            f"{part.path or part.name}: the mesh has no edges to track (each is shared by three faces or more); "
+            "export the part as a closed solid, once"
         )
     columns = [np.concatenate(column) for column in zip(*groups, strict=True)]
     points, tangents, normal_pairs, is_crease, is_convex = columns

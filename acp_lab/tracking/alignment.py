@@ -35,6 +35,7 @@ from acp_lab.tracking.optimiser import (
     move_pose,
     step_jacobian,
 )
+from acp_lab.tracking.reliability import SampleReliability
 
 # Fewer visible samples than this cannot fix six degrees of freedom with any safety.
 MIN_SAMPLES = 12
@@ -42,13 +43,20 @@ MIN_SAMPLES = 12
 
 @dataclass(frozen=True)
 class Level:
-    """One level of the coarse-to-fine search, px: reach along normals, width of the capture range."""
+    """One level of the coarse-to-fine search.
+
+    Attributes:
+        reach_px: of the search along normals.
+        sigma_px: width of the capture range.
+        samples: edge samples used at most; a long search is dear, a short one over many samples is exact.
+    """
 
     reach_px: int
     sigma_px: float
+    samples: int = 300
 
 
-TRACKING_LEVELS = (Level(20, 6.0), Level(8, 2.0), Level(5, 1.0))
+TRACKING_LEVELS = (Level(20, 6.0, 250), Level(8, 2.0, 400), Level(5, 1.0, 800))
 
 
 @dataclass(frozen=True)
@@ -58,22 +66,20 @@ class SolverConfig:
     Attributes:
         levels: coarse to fine.
         steps_per_level: Gauss-Newton steps on one set of candidates.
-        samples: edge samples used at most.
         outlier: mass of "no image edge belongs here" in the soft assignment.
         damping: per squared px of mean control-point motion.
         min_score: candidates below it are noise.
-        offsets_from_sigma_px: how well an offset is known counts from this sigma downwards;
+        trust_from_sigma_px: the trust in each sample counts from this sigma downwards;
             at coarser levels every sample helps to find the way.
         quality_sigma_px: how near a candidate must lie to count as found.
     """
 
     levels: tuple[Level, ...] = TRACKING_LEVELS
     steps_per_level: int = 3
-    samples: int = 400
     outlier: float = 0.5
     damping: float = 2e-3
     min_score: float = 0.02
-    offsets_from_sigma_px: float = 2.0
+    trust_from_sigma_px: float = 2.0
     quality_sigma_px: float = 1.5
 
 
@@ -107,6 +113,7 @@ class Observation:
         targets: (n, m) px along the normal from the generated point to where the candidate says it belongs,
             its expected offset taken off.
         expected: the offsets.
+        trust: (n,) weight of each sample, from how well its offset is known and how steadily it was found.
         jacobian: (n, 6) of motion along the normals, control_jacobian: (8, 6) of the control points, by a pose
             step; taken at this pose, they serve for all steps of a level.
     """
@@ -118,6 +125,7 @@ class Observation:
     scores: np.ndarray
     targets: np.ndarray
     expected: ExpectedOffsets
+    trust: np.ndarray
     jacobian: np.ndarray
     control_jacobian: np.ndarray
 
@@ -156,7 +164,7 @@ class Alignment:
 
 
 class Aligner:
-    """Aligns one part; holds what does not change from frame to frame, and the two memories that do."""
+    """Aligns one part; holds what does not change from frame to frame, and the three memories that do."""
 
     def __init__(
         self,
@@ -164,6 +172,7 @@ class Aligner:
         generator: RigidGenerator,
         memory: EdgeMemory,
         offsets: ContourOffsets,
+        reliability: SampleReliability,
         search: SearchConfig,
         solver: SolverConfig,
     ) -> None:
@@ -171,6 +180,7 @@ class Aligner:
         self.generator = generator
         self.memory = memory
         self.offsets = offsets
+        self.reliability = reliability
         self.search = search
         self.solver = solver
         self.control_points_obj = [mid_section_points(part.box_min, part.box_max, r.axis) for r in ALL_REGIONS]
@@ -197,15 +207,14 @@ class Aligner:
         camera: Camera,
         cam_T_obj: np.ndarray,
         region: int,
-        reach_px: int,
+        level: Level,
         clock: Stopwatch,
         use_memory: bool = True,
-        samples: int | None = None,
     ) -> Observation | None:
         """Generate edges at a pose and search for them; None when too few samples are visible."""
         clock.lap()
         edges = self.generator.edges
-        visible = self.generator.visible(cam_T_obj, region, samples or self.solver.samples)
+        visible = self.generator.visible(cam_T_obj, region, level.samples)
         if len(visible.ids) < MIN_SAMPLES:
             return None
         points_cam = edges.points_obj[visible.ids] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
@@ -215,7 +224,7 @@ class Aligner:
         if not np.isfinite(points).all():
             return None
         clock.generate_s += clock.lap()
-        candidates = search_along_normals(patch, points, normals, reach_px, self.search)
+        candidates = search_along_normals(patch, points, normals, level.reach_px, self.search)
         scores = candidates.scores
         if use_memory:
             scores = scores * self.memory.factors(visible.ids, candidates)
@@ -234,6 +243,7 @@ class Aligner:
             scores,
             targets,
             expected,
+            expected.weights * self.reliability.weights(visible.ids, visible.outline),
             step_jacobian(points_cam, directions, centre_cam),
             control_point_jacobian(control_cam, centre_cam, camera),
         )
@@ -253,7 +263,7 @@ class Aligner:
         pose, observation = cam_T_obj, None
         level = Level(1, 1.0)
         for level in levels or solver.levels:
-            observation = self.observe(patch, camera, pose, region, level.reach_px, clock, use_memory)
+            observation = self.observe(patch, camera, pose, region, level, clock, use_memory)
             if observation is None:
                 return None
             for _ in range(solver.steps_per_level):
@@ -296,8 +306,8 @@ class Aligner:
             return None
         assigned = soft_assignment(distances, observation.scores, sigma_px, self.solver.outlier)
         weights = assigned.weights
-        if sigma_px <= self.solver.offsets_from_sigma_px:
-            weights = weights * observation.expected.weights
+        if sigma_px <= self.solver.trust_from_sigma_px:
+            weights = weights * observation.trust
         # Half of the control points' Jacobian: the mean over four points, so that damping is per px of one.
         control = 0.5 * observation.control_jacobian
         step = gauss_newton_step(observation.jacobian, assigned.residuals, weights, control, self.solver.damping)

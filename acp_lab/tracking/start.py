@@ -40,14 +40,15 @@ class StartConfig:
 
 
 SEARCH_LEVELS = (Level(20, 8.0), Level(16, 5.0), Level(10, 2.5), Level(6, 1.2))
-OBSERVE_REACH_PX = 6
+# For judging and for learning: all samples, near their expected places.
+LOOK_LEVEL = Level(6, 1.0, samples=1_000_000)
 
 
 def agreement(
     aligner: Aligner, patch: ImagePatch, camera: Camera, cam_T_obj: np.ndarray, region: int, sigma_px: float
 ) -> float:
     """In [0, 1]: mean over visible samples of the best candidate's score times its nearness to the pose (4, 4)."""
-    seen = aligner.observe(patch, camera, cam_T_obj, region, OBSERVE_REACH_PX, Stopwatch(), use_memory=False)
+    seen = aligner.observe(patch, camera, cam_T_obj, region, Level(6, sigma_px), Stopwatch(), use_memory=False)
     if seen is None:
         return 0.0
     return float((seen.scores * np.exp(-0.5 * (seen.targets / sigma_px) ** 2)).max(1).mean())

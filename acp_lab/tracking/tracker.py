@@ -30,10 +30,9 @@ from acp_lab.tracking.observer import Observer, Timings, TrackResult
 from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.quality import StateConfig, StateMachine
 from acp_lab.tracking.recovery import shifted_poses, try_poses
+from acp_lab.tracking.reliability import ReliabilityConfig, SampleReliability
 from acp_lab.tracking.session import TrackRun, track_sequence
-from acp_lab.tracking.start import OBSERVE_REACH_PX, StartConfig, is_trusted, search_around
-
-ALL_SAMPLES = 1_000_000
+from acp_lab.tracking.start import LOOK_LEVEL, StartConfig, is_trusted, search_around
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class TrackerConfig:
     """Everything that can be set; the defaults are the same for every part and sequence.
 
     Attributes:
-        search, memory, offsets, solver, start, state: settings of the stages.
+        search, memory, offsets, reliability, solver, start, state: settings of the stages.
         largest_turn_deg: no part turns more from one frame to the next; nor does it move by its own size.
         margin_px: image kept around the part beyond the search.
         quality_rate: share of a new frame in the running mean of the quality.
@@ -53,6 +52,7 @@ class TrackerConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     memory: MemoryConfig = field(default_factory=MemoryConfig)
     offsets: OffsetConfig = field(default_factory=OffsetConfig)
+    reliability: ReliabilityConfig = field(default_factory=ReliabilityConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
     start: StartConfig = field(default_factory=StartConfig)
     state: StateConfig = field(default_factory=StateConfig)
@@ -159,7 +159,10 @@ class Tracker:
         config, edges = self.config, self.generator.edges
         self.memory = EdgeMemory(len(edges), config.memory)
         self.offsets = ContourOffsets(edges, self.part.diameter, self.model.edge_break_mm, config.offsets)
-        self.aligner = Aligner(self.part, self.generator, self.memory, self.offsets, config.search, config.solver)
+        self.reliability = SampleReliability(len(edges), config.reliability)
+        self.aligner = Aligner(
+            self.part, self.generator, self.memory, self.offsets, self.reliability, config.search, config.solver
+        )
         self._states = StateMachine(config.state)
         self._trusted = False
         self._region = 0
@@ -211,16 +214,15 @@ class Tracker:
 
     def _look(self, patch: ImagePatch, camera: Camera, pose: np.ndarray, clock: Stopwatch) -> Alignment | None:
         """All visible samples at a fixed pose, for learning."""
-        seen = self.aligner.observe(
-            patch, camera, pose, self._region, OBSERVE_REACH_PX, clock, use_memory=False, samples=ALL_SAMPLES
-        )
+        seen = self.aligner.observe(patch, camera, pose, self._region, LOOK_LEVEL, clock, use_memory=False)
         return None if seen is None else self.aligner.judge(seen, camera, pose)
 
     def _learn(self, alignment: Alignment, clock: Stopwatch) -> None:
         clock.lap()
         seen = alignment.observation
-        residuals = np.nan_to_num(alignment.residuals_px(), nan=np.inf)
-        self.memory.learn(seen.visible.ids, seen.candidates, alignment.best, residuals)
+        residuals = alignment.residuals_px()
+        self.memory.learn(seen.visible.ids, seen.candidates, alignment.best, np.nan_to_num(residuals, nan=np.inf))
+        self.reliability.learn(seen.visible.ids, seen.visible.outline, residuals)
         clock.learn_s += clock.lap()
 
     def _result(self, frame: Frame, alignment: Alignment, clock: Stopwatch, elapsed_s: float, note: str) -> TrackResult:

@@ -1,0 +1,49 @@
+"""How steadily each edge sample was found so far: a weight per sample and role.
+
+A sample whose image edge jumps about, or is missing again and again (a reflection, an occluder, a pattern
+behind it), tells less than one that was always found where the solved pose expected it. Outline and inner
+crease are kept apart, as in `contour_offsets`: the same edge behaves differently in the two roles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class ReliabilityConfig:
+    """How steadiness counts.
+
+    Attributes:
+        scatter_px: root mean square residual at which a sample has half weight.
+        initial_px: what is assumed of a sample not seen before.
+        miss_px: what a missing image edge counts as; no residual counts as more.
+        rate: share of a new frame in the running mean.
+    """
+
+    scatter_px: float = 0.4
+    initial_px: float = 0.3
+    miss_px: float = 1.0
+    rate: float = 0.2
+
+
+class SampleReliability:
+    """Running mean square residual of every edge sample, as an inner crease and as an outline."""
+
+    def __init__(self, sample_count: int, config: ReliabilityConfig) -> None:
+        self.config = config
+        self._mean_square = np.full((sample_count, 2), config.initial_px**2)
+
+    def weights(self, ids: np.ndarray, outline: np.ndarray) -> np.ndarray:
+        """(n,) in (0, 1] for samples `ids` (n,) with `outline` (n,) bool."""
+        square = self.config.scatter_px**2
+        return square / (square + self._mean_square[ids, outline.astype(np.intp)])
+
+    def learn(self, ids: np.ndarray, outline: np.ndarray, residuals_px: np.ndarray) -> None:
+        """Take in the residuals (n,) px of a solved frame, NaN where no image edge was found."""
+        worst = self.config.miss_px**2
+        square = np.minimum(np.nan_to_num(residuals_px**2, nan=worst), worst)
+        role = outline.astype(np.intp)
+        self._mean_square[ids, role] += self.config.rate * (square - self._mean_square[ids, role])
