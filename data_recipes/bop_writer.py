@@ -1,0 +1,122 @@
+"""Writing a data set in the BOP layout, all or nothing.
+
+Everything goes into a temporary folder beside the target, which takes the target's name when the last file is
+written; a recipe that is interrupted leaves no half data set. Convention: BOP's `cam_R_m2c` (row by row) and
+`cam_t_m2c` (mm) take model to camera coordinates, OpenCV axes, pixel (0, 0) = centre of the top-left pixel.
+Source: BOP toolkit, docs/bop_datasets_format.md.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+
+from acp_lab.errors import InputFileError
+from acp_lab.geometry.camera import Camera
+
+JPEG_QUALITY = 91
+
+
+@contextmanager
+def new_dataset(out: Path, force: bool) -> Iterator[Path]:
+    """A temporary folder that becomes `out` at the end, and vanishes when anything fails.
+
+    Raises InputFileError when `out` exists and `force` is not given. With `force` the old one goes only once the
+    new one is whole.
+    """
+    if out.exists() and not force:
+        raise InputFileError(f"{out} exists; give another --out, or --force to replace it")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    work.chmod(0o755)
+    try:
+        yield work
+        if out.exists():
+            old = work.with_name(work.name + ".old")
+            os.replace(out, old)
+            os.replace(work, out)
+            shutil.rmtree(old)
+        else:
+            os.replace(work, out)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def write_models(root: Path, parts: Sequence[tuple[np.ndarray, np.ndarray, Mapping[str, object]]]) -> None:
+    """`models/obj_00000N.ply` and `models_info.json` from (vertices mm, faces, extra entries), ids from 1."""
+    folder = root / "models"
+    folder.mkdir()
+    info: dict[str, dict[str, object]] = {}
+    for number, (vertices, faces, extra) in enumerate(parts, start=1):
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        mesh.export(folder / f"obj_{number:06d}.ply", vertex_normal=False)
+        low, size = vertices.min(0), vertices.max(0) - vertices.min(0)
+        box = {f"min_{a}": float(v) for a, v in zip("xyz", low, strict=True)}
+        box |= {f"size_{a}": float(v) for a, v in zip("xyz", size, strict=True)}
+        info[str(number)] = {**extra, **box}
+    write_json(folder / "models_info.json", info)
+
+
+def write_image(path: Path, image: np.ndarray) -> None:
+    """RGB uint8 (h, w, 3) to PNG or JPEG, by the suffix."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if path.suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 6]
+    if not cv2.imwrite(str(path), image[..., ::-1], options):
+        raise InputFileError(f"{path} cannot be written; check the disk")
+
+
+def write_scene(
+    folder: Path, camera: Camera, object_id: int, cam_T_obj: np.ndarray, seen: Sequence[Mapping[str, object]]
+) -> None:
+    """`scene_camera.json`, `scene_gt.json` and `scene_gt_info.json` of poses (n, 4, 4), frame ids from 0."""
+    k = [float(v) for v in camera.matrix.ravel()]
+    write_json(folder / "scene_camera.json", {str(i): {"cam_K": k, "depth_scale": 1.0} for i in range(len(cam_T_obj))})
+    truth = {
+        str(i): [
+            {
+                "cam_R_m2c": [float(v) for v in pose[:3, :3].ravel()],
+                "cam_t_m2c": [float(v) for v in pose[:3, 3]],
+                "obj_id": object_id,
+            }
+        ]
+        for i, pose in enumerate(cam_T_obj)
+    }
+    write_json(folder / "scene_gt.json", truth)
+    write_json(folder / "scene_gt_info.json", {str(i): [dict(one)] for i, one in enumerate(seen)})
+
+
+def visibility(alone: np.ndarray, seen: np.ndarray) -> dict[str, object]:
+    """BOP's gt_info entry from two masks (h, w): the part without anything before it, and the part as seen."""
+    all_, visible = int(alone.sum()), int(seen.sum())
+    return {
+        "px_count_all": all_,
+        "px_count_visib": visible,
+        "visib_fract": round(visible / all_, 6) if all_ else 0.0,
+        "bbox_obj": _bounds(alone),
+        "bbox_visib": _bounds(seen),
+    }
+
+
+def _bounds(mask: np.ndarray) -> list[int]:
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if len(rows) == 0:
+        return [-1, -1, -1, -1]
+    x, y = int(columns[0]), int(rows[0])
+    return [x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1]
+
+
+def write_json(path: Path, content: object) -> None:
+    """JSON with a line per top-level entry, readable and small."""
+    if isinstance(content, dict):
+        lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in content.items()]
+        path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    else:
+        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
