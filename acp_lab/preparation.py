@@ -78,7 +78,8 @@ def _take_up(part: Part, folder: Path, seed: int, resume: bool) -> PreparedPart 
     if not resume or not (folder / "part.json").exists():
         return None
     again = "give --no-resume to prepare it anew, or rename the mesh"
-    if read_header(folder, again)["mesh"]["sha256"] != part.sha256:
+    command = f"run: acp-lab prepare {part.path or 'MESH'} --out {folder.parent}"
+    if read_header(folder, command)["mesh"]["sha256"] != part.sha256:
         raise PreparationError(f"{folder}: holds a part prepared from another mesh of the same name; {again}")
     stored = PreparedPart.load(folder)
     return replace(stored, part=part) if stored.seed == seed else None

@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file
+from safetensors.numpy import save as serialise
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.models_info import Symmetries
@@ -96,6 +97,7 @@ class PreparedPart:
         """Write the whole part; each file atomically, part.json last."""
         folder.mkdir(parents=True, exist_ok=True)
         part, edges = self.part, self.edges
+        _retract(folder / "part.json", part.sha256)
         _save(folder / "mesh.safetensors", {"vertices": part.vertices, "faces": part.faces})
         _save(
             folder / "edges.safetensors",
@@ -117,7 +119,7 @@ class PreparedPart:
             # float16 halves the folder; logits near zero are undecided either way.
             half = {key: value if key == "rows" else value.astype(np.float16) for key, value in vars(network).items()}
             _save(folder / f"visibility_{region}.safetensors", half)
-        write_text(folder / "part.json", json.dumps(self._header(), indent=2) + "\n")
+        _write(folder / "part.json", (json.dumps(self._header(), indent=2) + "\n").encode())
 
     @staticmethod
     def load(folder: Path, mesh: Path | None = None) -> PreparedPart:
@@ -197,16 +199,24 @@ def read_header(folder: Path, mend: str) -> dict[str, Any]:
     return dict(header)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+def _retract(path: Path, sha256: str) -> None:
+    """Take back a part.json of another mesh: until it is written anew, the files beside it are of both."""
+    try:
+        known = json.loads(path.read_text(encoding="utf-8"))["mesh"]["sha256"]
+    except (OSError, ValueError, KeyError, TypeError):
+        known = None
+    if known != sha256:
+        path.unlink(missing_ok=True)
 
 
 def _save(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    # Not save_file: it makes files that only their owner may read, and parts are shared.
+    _write(path, serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()}))
+
+
+def _write(path: Path, content: bytes) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    save_file({key: np.ascontiguousarray(value) for key, value in arrays.items()}, temporary)
+    temporary.write_bytes(content)
     os.replace(temporary, path)
 
 

@@ -1,0 +1,84 @@
+# Everything needed day to day; `make help` lists the targets.
+# Settings, on the command line or in the environment:
+#   PYTHON    the Python (3.11 or newer) that makes the environment      make demo PYTHON=python3.12
+#   VENV      where the environment lives                                make test VENV=~/venvs/acp_lab
+#   PIP_ARGS  extra arguments of every pip install, e.g. another index   make demo PIP_ARGS="--extra-index-url ..."
+#   OUT       where the demo writes                                      make demo OUT=/tmp/demo
+
+PYTHON   ?= python3
+VENV     ?= .venv
+PIP_ARGS ?=
+OUT      ?= acp_lab_demo
+
+BIN := $(VENV)/bin
+# Stamps: pip runs again only when pyproject.toml is newer than the last install, so that everything works offline.
+RUN_STAMP := $(VENV)/.installed-run
+DEV_STAMP := $(VENV)/.installed-dev
+
+.DEFAULT_GOAL := help
+.PHONY: help install install-dev demo test test-fast lint types format lab wheel bench clean clean-all
+.DELETE_ON_ERROR:
+
+help: ## list all targets
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(RUN_STAMP) ## prepare the sample part, track the sample sequence, print accuracy and speed
+	"$(BIN)/acp-lab" demo --out "$(OUT)"
+
+test: lint types ## everything that CI runs: lint, types, all tests
+	"$(BIN)/python" -m pytest
+
+test-fast: $(DEV_STAMP) ## the tests that take under 3 minutes together
+	"$(BIN)/python" -m pytest -m "not slow"
+
+lint: $(DEV_STAMP) ## ruff
+	"$(BIN)/python" -m ruff check .
+
+types: $(DEV_STAMP) ## mypy
+	"$(BIN)/python" -m mypy
+
+format: $(DEV_STAMP) ## let ruff sort imports and mend what it can
+	"$(BIN)/python" -m ruff check --fix .
+
+lab: $(DEV_STAMP) ## open JupyterLab on the notebooks
+	"$(BIN)/acp-lab" lab
+
+wheel: $(DEV_STAMP) ## build dist/acp_lab-*.whl, sample included
+	rm -rf build
+	"$(BIN)/python" -m build --wheel --outdir dist .
+
+bench: $(DEV_STAMP) ## accuracy and speed, side by side (benchmarks/)
+	@if [ -f benchmarks/run.py ]; then "$(BIN)/python" benchmarks/run.py; \
+	else echo "benchmarks/run.py is not there yet: make demo prints the numbers of the sample"; fi
+
+install: $(RUN_STAMP) ## make the environment, to use acp_lab
+
+install-dev: $(DEV_STAMP) ## make the environment, to work on acp_lab
+
+clean: ## remove what tests, builds and the demo left behind; keeps the environment
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis acp_lab_demo
+	find . -name __pycache__ -type d -not -path './$(VENV)/*' -prune -exec rm -rf {} +
+
+clean-all: clean ## remove the environment too
+	rm -rf "$(VENV)"
+
+$(BIN)/python:
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "error: $(PYTHON) is missing or older than 3.11; name another one: make PYTHON=python3.12"; exit 1; }
+	@"$(PYTHON)" -m venv "$(VENV)" || \
+	  { echo "error: $(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt-get install python3-venv"; exit 1; }
+
+# The rerun viewer asks about usage statistics at its first start, which can hang without a network.
+define quiet_rerun
+	@"$(BIN)/rerun" analytics disable >/dev/null 2>&1 </dev/null || true
+endef
+
+$(RUN_STAMP): pyproject.toml | $(BIN)/python
+	"$(BIN)/python" -m pip install $(PIP_ARGS) -e .
+	$(quiet_rerun)
+	@touch "$@"
+
+$(DEV_STAMP): pyproject.toml | $(BIN)/python
+	"$(BIN)/python" -m pip install $(PIP_ARGS) -e ".[dev,step,recipes,notebook]"
+	$(quiet_rerun)
+	@touch "$(RUN_STAMP)" "$@"

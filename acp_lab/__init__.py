@@ -1,0 +1,68 @@
+"""acp_lab: 6DoF tracking of metal parts from their CAD models, to use, to measure and to learn from.
+
+    import acp_lab as acp
+
+    part = acp.Part.from_file("bracket.ply")
+    model = acp.prepare(part)
+    scene = acp.open_sequence("dataset/test/000001")
+    run = acp.Tracker(model).run(scene, start=scene.first_pose, observers=[acp.Replay("run.rrd")])
+    print(acp.evaluate(run, scene))
+
+The names above are loaded when they are first used, so that `import acp_lab` itself stays light.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from acp_lab.errors import AcpLabError
+
+if TYPE_CHECKING:
+    from acp_lab.cad.part import Part
+    from acp_lab.display.replay import Replay
+    from acp_lab.evaluation import evaluate
+    from acp_lab.geometry.camera import Camera
+    from acp_lab.preparation import prepare
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences import open_sequence
+    from acp_lab.tracking.tracker import Tracker
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AcpLabError",
+    "Camera",
+    "Part",
+    "PreparedPart",
+    "Replay",
+    "Tracker",
+    "__version__",
+    "evaluate",
+    "open_sequence",
+    "prepare",
+]
+
+_HOME = {
+    "Camera": "acp_lab.geometry.camera",
+    "Part": "acp_lab.cad.part",
+    "PreparedPart": "acp_lab.prepared_part",
+    "Replay": "acp_lab.display.replay",
+    "Tracker": "acp_lab.tracking.tracker",
+    "evaluate": "acp_lab.evaluation",
+    "open_sequence": "acp_lab.sequences",
+    "prepare": "acp_lab.preparation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load one of the names of the package's face at its first use (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'acp_lab' has no attribute '{name}'")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

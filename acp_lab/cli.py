@@ -1,0 +1,280 @@
+"""`acp-lab`: the command line. Options and one-line errors are here, the commands in acp_lab/commands.
+
+Exit status: 0 done; 2 bad input or bad usage, with exactly one line `error: …` on stderr; 130 after Ctrl-C;
+1 for anything else, which is our fault. ACP_LAB_DEBUG=1 shows tracebacks.
+
+Only light modules are imported here: `acp-lab --help` must come at once, and the thread limits of a command
+have to be set before NumPy is first imported.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from acp_lab import __version__
+from acp_lab.commands import console
+from acp_lab.errors import AcpLabError, InputFileError
+
+app = typer.Typer(
+    help="6DoF tracking of metal parts from their CAD models.",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Start with: acp-lab demo. Each command has its own --help.",
+)
+
+
+class Generator(StrEnum):
+    """What `prepare` makes of t(I)."""
+
+    TEMPLATES = "templates"
+    LEARNED = "learned"
+    BOTH = "both"
+    AUTOENCODER = "autoencoder"
+
+
+Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of everything random.", metavar="N")]
+PartsDir = Annotated[Path, typer.Option("--parts", help="Where `acp-lab prepare` put the parts.", metavar="PARTS_DIR")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"acp_lab {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _top(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """6DoF tracking of metal parts from their CAD models."""
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Where to write.", metavar="DIR")] = Path("acp_lab_demo"),
+) -> None:
+    """Prepare the sample part, track the sample sequence, print accuracy and speed."""
+    from acp_lab.commands.demo import run_demo
+
+    run_demo(out)
+
+
+@app.command()
+def prepare(
+    meshes: Annotated[list[Path], typer.Argument(help="PLY, OBJ, STL or STEP files, in mm.", metavar="MESH...")],
+    out: Annotated[Path, typer.Option(help="Where the prepared parts go, one folder each.", metavar="PARTS_DIR")],
+    generator: Annotated[Generator, typer.Option(help="both = templates + learned.")] = Generator.BOTH,
+    fast: Annotated[bool, typer.Option("--fast", help="Train shortly: to try things out.")] = False,
+    regions: Annotated[
+        str, typer.Option(help="View regions to prepare: all, or some of 0 to 5.", metavar="all|K...")
+    ] = "all",
+    edge_break: Annotated[
+        float | None,
+        typer.Option(min=0, help="Size of the part's broken edges in mm, when known.", metavar="MM"),
+    ] = None,
+    seed: Seed = 0,
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads; all cores by default.", metavar="N")] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume/--no-resume", help="Go on with what is there, or replace it."),
+    ] = True,
+) -> None:
+    """Prepare CAD models for tracking: edges, control points and the generators of edges."""
+    from acp_lab.commands.prepare import PrepareOptions, prepare_parts
+
+    prepare_parts(
+        PrepareOptions(tuple(meshes), out, generator.value, fast, _regions(regions), edge_break, seed, threads, resume)
+    )
+
+
+@app.command()
+def track(
+    dataset: Annotated[Path | None, typer.Argument(help="A data set in the BOP layout.", metavar="DATASET")] = None,
+    *,
+    parts: PartsDir,
+    out: Annotated[Path, typer.Option(help="The results, replaced.", metavar="results.csv")],
+    split: Annotated[str, typer.Option(help="The data set's folder of scenes.")] = "test",
+    scene: Annotated[
+        list[int] | None,
+        typer.Option(min=0, help="A scene to track, repeatable; all by default.", metavar="N"),
+    ] = None,
+    object_id: Annotated[
+        list[int] | None,
+        typer.Option("--object", min=0, help="An object to track, repeatable; all by default.", metavar="N"),
+    ] = None,
+    method: Annotated[str, typer.Option(help="How to track.")] = "acp",
+    video: Annotated[
+        Path | None,
+        typer.Option(help="A video or a folder of images instead of a data set.", metavar="FILE|DIR"),
+    ] = None,
+    mesh: Annotated[Path | None, typer.Option(help="With --video: the part.", metavar="MESH")] = None,
+    camera: Annotated[Path | None, typer.Option(help="With --video: the camera.", metavar="CAMERA.json")] = None,
+    init: Annotated[
+        str | None,
+        typer.Option(
+            help="Start poses: gt (the first frame's truth) or a results file; with --video a POSE.json.",
+            metavar="gt|FILE",
+        ),
+    ] = None,
+    init_noise_deg: Annotated[
+        float, typer.Option(min=0, help="Turn each start pose by D degrees, at random.", metavar="D")
+    ] = 0.0,
+    init_noise_mm: Annotated[
+        float, typer.Option(min=0, help="Shift each start pose by M mm, at random.", metavar="M")
+    ] = 0.0,
+    seed: Seed = 0,
+    replay: Annotated[Path | None, typer.Option(help="Also write a replay.", metavar="FILE.rrd")] = None,
+    threads: Annotated[int, typer.Option(min=1, help="CPU threads.", metavar="N")] = 1,
+    max_frames: Annotated[
+        int | None, typer.Option(min=1, help="Stop after that many frames of each scene.", metavar="N")
+    ] = None,
+) -> None:
+    """Track prepared parts through a data set or a video."""
+    from acp_lab.commands.track import TrackOptions, track_parts
+
+    track_parts(
+        TrackOptions(
+            dataset=dataset,
+            video=video,
+            mesh=mesh,
+            camera=camera,
+            parts=parts,
+            out=out,
+            split=split,
+            scenes=tuple(scene or ()),
+            objects=tuple(object_id or ()),
+            method=method,
+            init=init,
+            noise_deg=init_noise_deg,
+            noise_mm=init_noise_mm,
+            seed=seed,
+            replay=replay,
+            threads=threads,
+            max_frames=max_frames,
+        )
+    )
+
+
+@app.command("eval")
+def evaluate(
+    dataset: Annotated[Path, typer.Argument(help="A data set in the BOP layout, with truth.", metavar="DATASET")],
+    results: Annotated[Path, typer.Argument(help="What `acp-lab track` wrote.", metavar="results.csv")],
+    split: Annotated[str, typer.Option(help="The data set's folder of scenes.")] = "test",
+    json: Annotated[Path | None, typer.Option(help="Also write the numbers as JSON.", metavar="FILE")] = None,
+) -> None:
+    """Compare results with the truth of a data set."""
+    from acp_lab.commands.evaluate import evaluate_results
+
+    evaluate_results(dataset, results, split, json)
+
+
+@app.command()
+def replay(
+    files: Annotated[list[Path], typer.Argument(help="Replays; two are shown side by side.", metavar="FILE.rrd...")],
+    mp4: Annotated[Path | None, typer.Option(help="Write a film instead of opening a window.", metavar="FILE")] = None,
+) -> None:
+    """Look at a replay."""
+    from acp_lab.commands.replay import show_replays
+
+    raise typer.Exit(show_replays(tuple(files), mp4))
+
+
+@app.command()
+def doctor() -> None:
+    """Say what works on this machine, and the mend for what does not."""
+    from acp_lab.doctor import print_report
+
+    raise typer.Exit(print_report())
+
+
+@app.command()
+def lab(
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser window.")] = True,
+) -> None:
+    """Open JupyterLab on the notebooks."""
+    from acp_lab.commands.lab import open_lab
+
+    raise typer.Exit(open_lab(browser))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; the exit status, never an exception. arguments: without the program's name."""
+    words = _joined_regions(list(sys.argv[1:] if arguments is None else arguments))
+    console.drop_notes()
+    with console.native_code_silenced(), console.warnings_as_notes():
+        try:
+            # Not app(...): that would install typer's own printing of exceptions.
+            status = typer.main.get_command(app).main(words, prog_name="acp-lab", standalone_mode=False)
+            console.release_notes()
+            return status if isinstance(status, int) else 0
+        except (KeyboardInterrupt, typer.Abort):
+            console.release_notes()
+            return 130
+        except Exception as error:
+            return _fail(error)
+
+
+def _fail(error: Exception) -> int:
+    """Print the one line that an exception deserves; the exit status."""
+    if console.debugging():
+        traceback.print_exc()
+    if isinstance(error, AcpLabError):
+        console.say("error", str(error))
+        return 2
+    if hasattr(error, "format_message"):  # bad usage, as typer words it
+        console.say("error", f"{error.format_message().rstrip('. ')}: see {_help_of(error)}")
+        return 2
+    if isinstance(error, OSError) and error.errno == errno.EPIPE:
+        # Whoever read our output has seen enough; keep Python from complaining when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    if isinstance(error, OSError) and error.strerror:
+        where = f"{error.filename}: " if error.filename else ""
+        console.say("error", f"{where}{error.strerror}: check the path, its permissions and the disk")
+        return 2
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    console.say(
+        "error",
+        f"unexpected {type(error).__name__} in {Path(frame.filename).name}:{frame.lineno}: {error} "
+        "(this is a fault of acp_lab: ACP_LAB_DEBUG=1 shows the whole trace)",
+    )
+    return 1
+
+
+def _help_of(error: Exception) -> str:
+    path = getattr(getattr(error, "ctx", None), "command_path", None) or "acp-lab"
+    return f"{path} --help"
+
+
+def _joined_regions(words: list[str]) -> list[str]:
+    """`--regions 0 2 5` as `--regions 0,2,5`: an option of typer takes one word."""
+    if "--regions" not in words:
+        return words
+    start = words.index("--regions") + 1
+    end = start
+    while end < len(words) and words[end].strip(",").replace(",", "").isdigit():
+        end += 1
+    return [*words[:start], ",".join(words[start:end]), *words[end:]] if end > start else words
+
+
+def _regions(text: str) -> tuple[int, ...] | None:
+    """View regions of `--regions`: None for all; InputFileError for anything but 0 to 5."""
+    if text.strip().lower() == "all":
+        return None
+    words = text.replace(",", " ").split()
+    if not words or not all(word in "012345" and len(word) == 1 for word in words):
+        raise InputFileError(f"--regions {text}: give all, or some of the view regions 0 1 2 3 4 5")
+    return tuple(sorted({int(word) for word in words}))

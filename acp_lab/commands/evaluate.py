@@ -1,0 +1,22 @@
+"""`acp-lab eval`: results against truth, as a table and as JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from acp_lab.errors import InputFileError
+
+
+def evaluate_results(dataset: Path, results: Path, split: str = "test", json: Path | None = None) -> None:
+    """Print the table of a results file, and write its numbers to `json` when that is given."""
+    from acp_lab.evaluation import evaluate
+    from acp_lab.sequences.bop import BopDataset
+
+    if json is not None and json.resolve() == results.resolve():
+        raise InputFileError(f"{json}: --json would overwrite the results: choose another file")
+    if json is not None and json.is_dir():
+        raise InputFileError(f"{json}: is a folder: --json needs a file name")
+    scores = evaluate(results, BopDataset(dataset), split)
+    if json is not None:
+        scores.write_json(json)
+    print(scores)

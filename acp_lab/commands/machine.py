@@ -1,0 +1,98 @@
+"""The machine a run happened on, for results.run.json and for whoever reads a time: CPU, versions."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import acp_lab
+
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "opencv-python-headless",
+    "trimesh",
+    "embreex",
+    "torch",
+    "kornia",
+    "safetensors",
+    "rerun-sdk",
+    "matplotlib",
+    "pyrender",
+)
+
+_THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
+
+
+def limit_threads(count: int | None) -> None:
+    """Let numerical libraries use `count` threads; None leaves their defaults, as many as there are cores.
+
+    The linear algebra under NumPy reads its limit when NumPy is first imported, so call this before that.
+    """
+    if count is None:
+        return
+    for name in _THREAD_VARIABLES:
+        os.environ[name] = str(count)
+    import cv2
+
+    cv2.setNumThreads(count)
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        torch.set_num_threads(count)
+
+
+def cpu_model() -> str:
+    """The processor's name as its maker prints it, else its architecture."""
+    try:
+        if sys.platform == "darwin":
+            command = ["/usr/sbin/sysctl", "-n", "machdep.cpu.brand_string"]
+            return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip()
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except (OSError, subprocess.SubprocessError):
+        pass
+    return platform.processor() or platform.machine()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def peak_memory_mb() -> float | None:
+    """The most memory that this process has held so far, MB; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def versions() -> dict[str, str]:
+    """Version by package name, acp_lab and Python first; packages that are not installed are left out."""
+    found = {"acp_lab": acp_lab.__version__, "python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> dict[str, str | int]:
+    """What a time should be read against."""
+    return {"cpu": cpu_model(), "cores": cores(), "system": platform.platform()}

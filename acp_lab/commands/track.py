@@ -1,0 +1,243 @@
+"""`acp-lab track`: from options to scenes, prepared parts and start poses, then through the frame loop.
+
+Everything that can be wrong with the input is found before the first file is written, so that a mistake costs
+no older results.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from acp_lab.commands.machine import limit_threads
+from acp_lab.errors import AcpLabError, InputFileError, SequenceError, TrackingError
+
+if TYPE_CHECKING:
+    from acp_lab.geometry.arrays import FloatArray
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences.bop import BopDataset
+    from acp_lab.sequences.protocol import Sequence
+
+METHODS = ("acp",)
+PLANNED_METHODS = ("acp-paper", "direct-6dof", "unoptimised-points")
+
+
+@dataclass(frozen=True)
+class TrackOptions:
+    """What the command line asked for; empty scenes and objects mean all, init None the usual one."""
+
+    parts: Path
+    out: Path
+    dataset: Path | None = None
+    video: Path | None = None
+    mesh: Path | None = None
+    camera: Path | None = None
+    split: str = "test"
+    scenes: tuple[int, ...] = ()
+    objects: tuple[int, ...] = ()
+    method: str = "acp"
+    init: str | None = None
+    noise_deg: float = 0.0
+    noise_mm: float = 0.0
+    seed: int = 0
+    replay: Path | None = None
+    threads: int = 1
+    max_frames: int | None = None
+
+    def __post_init__(self) -> None:
+        _check_method(self.method)
+        for option, value in (("--init-noise-deg", self.noise_deg), ("--init-noise-mm", self.noise_mm)):
+            if not math.isfinite(value):
+                raise AcpLabError(f"{option} {value}: give a finite number")
+        if self.noise_deg > 180.0:
+            raise AcpLabError(f"--init-noise-deg {self.noise_deg:g}: give at most 180 degrees")
+        if self.dataset is not None and self.video is not None:
+            raise AcpLabError(f"--video {self.video}: track a data set or a video, not both")
+        if self.dataset is None and self.video is None:
+            raise AcpLabError("nothing to track: give a data set, or --video with --mesh, --camera and --init")
+        if self.video is None:
+            self._refuse("only goes with --video", mesh=self.mesh, camera=self.camera)
+        else:
+            self._check_video(self.video)
+        self._check_outputs()
+
+    def _check_video(self, video: Path) -> None:
+        for option, value in (("--mesh", self.mesh), ("--camera", self.camera), ("--init", self.init)):
+            if value is None:
+                raise AcpLabError(f"--video {video}: needs {option} too: give --mesh, --camera and --init")
+        if self.init == "gt":
+            raise AcpLabError(f"--init gt: {video} has no truth: give the start pose as POSE.json")
+        if any(scene != 1 for scene in self.scenes):
+            raise SequenceError(f"--scene {self.scenes[0]}: a video is scene 1")
+        if any(object_id != 1 for object_id in self.objects):
+            raise SequenceError(f"--object {self.objects[0]}: a video shows object 1")
+
+    def _refuse(self, why: str, **paths: Path | None) -> None:
+        for name, path in paths.items():
+            if path is not None:
+                raise AcpLabError(f"--{name} {path}: {why}: leave it out")
+
+    def _check_outputs(self) -> None:
+        inputs = [Path(self.init)] if self.init not in (None, "gt") else []
+        inputs += [path for path in (self.video, self.mesh, self.camera) if path is not None]
+        outputs = [("--out", self.out)] + ([("--replay", self.replay)] if self.replay is not None else [])
+        for option, path in outputs:
+            if path.is_dir():
+                raise InputFileError(f"{path}: is a folder: {option} needs a file name")
+            if any(path.resolve() == other.resolve() for other in inputs):
+                raise InputFileError(f"{path}: {option} would overwrite an input: choose another file")
+            if not _is_writable(path):
+                raise InputFileError(f"{path}: {option} cannot be written there: choose another place")
+        if self.replay is not None and self.replay.resolve() == self.out.resolve():
+            raise InputFileError(f"{self.replay}: --replay and --out are the same file: choose two")
+
+
+def _is_writable(path: Path) -> bool:
+    """Whether a file can be made, or replaced, at a path whose folders may have to be made first."""
+    if path.exists():
+        return os.access(path, os.W_OK)
+    above = next(folder for folder in path.absolute().parents if folder.exists())
+    return above.is_dir() and os.access(above, os.W_OK)
+
+
+@dataclass(frozen=True)
+class SceneJob:
+    """One scene, and the parts to track in it with their start poses (4, 4), by object id."""
+
+    sequence: Sequence
+    models: Mapping[int, PreparedPart]
+    starts: Mapping[int, FloatArray]
+
+
+@dataclass
+class PartShelf:
+    """Prepared parts, each loaded once however many scenes show it."""
+
+    folder: Path
+    _loaded: dict[Path, PreparedPart] = field(default_factory=dict)
+
+    def part(self, mesh: Path) -> PreparedPart:
+        """The prepared part of a mesh; PreparationError, naming the command to run, when there is none."""
+        from acp_lab.prepared_part import PreparedPart
+
+        if mesh not in self._loaded:
+            if not mesh.is_file():
+                raise InputFileError(f"{mesh}: no such mesh file: check the path")
+            self._loaded[mesh] = PreparedPart.load(self.folder / mesh.stem, mesh)
+        return self._loaded[mesh]
+
+
+def track_parts(options: TrackOptions) -> None:
+    """Track, write the results and print what came of it."""
+    limit_threads(options.threads)
+    from acp_lab.commands.track_run import run_jobs
+
+    jobs = scene_jobs(options)
+    for summary in run_jobs(jobs, options):
+        print(summary)
+    print(f"{options.out}: written")
+    if options.replay is not None:
+        print(f"{options.replay}: written; acp-lab replay {options.replay} shows it")
+
+
+def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
+    """Everything that the options name, opened and checked; errors as the issue of each file."""
+    shelf = PartShelf(options.parts)
+    if options.video is not None:
+        return (_video_job(options, options.video, shelf),)
+    from acp_lab.sequences.bop import BopDataset
+
+    assert options.dataset is not None
+    dataset = BopDataset(options.dataset)
+    ids = dict.fromkeys(options.scenes or dataset.scenes(options.split))
+    scenes = [dataset.open_scene(scene_id, options.split) for scene_id in ids]
+    starts = {scene.scene_id: _start_poses(options, scene) for scene in scenes}
+    jobs = []
+    for scene in scenes:
+        chosen = _chosen(options.objects, starts[scene.scene_id])
+        if chosen:
+            jobs.append(_job(options, scene, _meshes(dataset, chosen), chosen, shelf))
+    _check_all_found(options.objects, starts.values())
+    return tuple(jobs)
+
+
+def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob:
+    from acp_lab.geometry.camera import Camera
+    from acp_lab.sequences import open_images, read_pose, start_poses
+
+    assert options.mesh is not None
+    assert options.camera is not None
+    assert options.init is not None
+    sequence = open_images(video, Camera.from_json(options.camera))
+    init = Path(options.init)
+    if init.suffix.lower() == ".csv":
+        poses = start_poses(init, sequence.scene_id, 0)
+        if 1 not in poses:
+            raise SequenceError(f"{init}: no row for scene 1, image 0, object 1: a video shows object 1")
+        starts = {1: poses[1]}
+    else:
+        starts = {1: read_pose(init)}
+    return _job(options, sequence, {1: options.mesh}, starts, shelf)
+
+
+def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatArray]:
+    """Start poses in a scene's first frame: its truth alone, never a later one's, or rows of a file."""
+    if options.init in (None, "gt"):
+        return scene.first_poses
+    from acp_lab.sequences import start_poses
+
+    return start_poses(str(options.init), scene.scene_id, scene.frame_ids[0])
+
+
+def _chosen(objects: tuple[int, ...], starts: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
+    return {i: pose for i, pose in sorted(starts.items()) if not objects or i in objects}
+
+
+def _check_all_found(objects: tuple[int, ...], starts: Iterable[Mapping[int, FloatArray]]) -> None:
+    known = sorted({object_id for poses in starts for object_id in poses})
+    for object_id in objects:
+        if object_id not in known:
+            shown = ", ".join(map(str, known))
+            raise SequenceError(f"--object {object_id}: no start pose for it in any first frame: there are {shown}")
+
+
+def _meshes(dataset: BopDataset, objects: Iterable[int]) -> dict[int, Path]:
+    return {object_id: dataset.part_path(object_id) for object_id in objects}
+
+
+def _job(
+    options: TrackOptions,
+    sequence: Sequence,
+    meshes: Mapping[int, Path],
+    starts: Mapping[int, FloatArray],
+    shelf: PartShelf,
+) -> SceneJob:
+    import numpy as np
+
+    from acp_lab.geometry.pose import disturb_pose
+
+    models = {object_id: shelf.part(mesh) for object_id, mesh in meshes.items()}
+    if options.noise_deg or options.noise_mm:
+        starts = {
+            object_id: disturb_pose(
+                pose,
+                models[object_id].part.box_centre,
+                options.noise_deg,
+                options.noise_mm,
+                np.random.default_rng([options.seed, sequence.scene_id, object_id]),
+            )
+            for object_id, pose in starts.items()
+        }
+    return SceneJob(sequence, models, starts)
+
+
+def _check_method(method: str) -> None:
+    known = ", ".join(METHODS)
+    if method in PLANNED_METHODS:
+        raise TrackingError(f"--method {method}: is not built yet: there is {known}")
+    if method not in METHODS:
+        raise TrackingError(f"--method {method}: no such method: there is {known}")

@@ -1,0 +1,231 @@
+"""The frame loop of `acp-lab track` with all that listens to it: results, warnings, progress, replay."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, is_dataclass
+from enum import Enum
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from acp_lab.commands import console, machine
+from acp_lab.commands.track import SceneJob, TrackOptions
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
+from acp_lab.tracking.observer import Observer, SessionInfo, TrackResult
+from acp_lab.tracking.session import track_sequence
+from acp_lab.tracking.tracker import Tracker, TrackerConfig
+
+
+class ResultsObserver:
+    """Writes a row per frame and object as soon as it is known.
+
+    The files are replaced when the first frame has been tracked, not before: a start pose may still turn out
+    to be wrong. `info` becomes results.run.json, then and again by `finish`.
+    """
+
+    def __init__(self, path: Path, info: dict[str, Any]) -> None:
+        self._path = path
+        self._info = info
+        self._writer: ResultsWriter | None = None
+        self._scene_id = 0
+
+    def on_start(self, session: SessionInfo) -> None:
+        self._scene_id = session.scene_id
+
+    def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        if self._writer is None:
+            self._writer = ResultsWriter(self._path, self._info)
+        for object_id, result in sorted(results.items()):
+            self._writer.append(
+                ResultRow(
+                    self._scene_id,
+                    result.frame_id,
+                    object_id,
+                    result.quality,
+                    result.cam_T_obj,
+                    result.timings.total_s,
+                )
+            )
+
+    def on_end(self) -> None:
+        pass
+
+    def finish(self) -> None:
+        """Write what `info` holds by now, and close."""
+        if self._writer is not None:
+            self._writer.write_run_info(self._info)
+            self._writer.close()
+
+
+class Reporter:
+    """Warns of frames that cannot be read, and shows progress where somebody watches."""
+
+    def __init__(self, total: int) -> None:
+        self._progress = console.Progress()
+        self._total = total
+
+    def on_start(self, session: SessionInfo) -> None:
+        self._name = session.name
+        self._done = 0
+
+    def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        self._done += 1
+        if isinstance(frame, UnreadableFrame):
+            self._progress.close()
+            console.warn(f"image {frame.index}: {frame.reason}: its pose is predicted, with score 0")
+        self._progress(self._name, self._done, max(self._total, self._done) if self._total else 0)
+
+    def on_end(self) -> None:
+        self._progress.close()
+
+
+@dataclass
+class ObjectSummary:
+    """What a run said about one object of one scene; prints as one line."""
+
+    scene_id: int
+    object_id: int
+    part: str
+    size: str = ""
+    times_s: list[float] = field(default_factory=list)
+    qualities: list[float] = field(default_factory=list)
+    states: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def time_s_median(self) -> float:
+        """Median wall seconds per frame that was read; NaN when none was."""
+        return median(self.times_s) if self.times_s else float("nan")
+
+    def __str__(self) -> str:
+        frames = f"{sum(self.states.values())} frames{self.size}"
+        states = ", ".join(f"{count} {state}" for state, count in self.states.most_common())
+        quality = f"{median(self.qualities):.2f}" if self.qualities else "-"
+        return (
+            f"scene {self.scene_id}, object {self.object_id} ({self.part}): {frames} ({states}), "
+            f"quality {quality}, {1e3 * self.time_s_median:.1f} ms per frame (medians)"
+        )
+
+
+class SummaryObserver:
+    """Counts states and collects times."""
+
+    def __init__(self) -> None:
+        self.objects: dict[int, ObjectSummary] = {}
+
+    def on_start(self, session: SessionInfo) -> None:
+        self.objects = {
+            tracked.object_id: ObjectSummary(session.scene_id, tracked.object_id, tracked.part.name)
+            for tracked in session.objects
+        }
+
+    def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        for object_id, result in results.items():
+            summary = self.objects[object_id]
+            summary.states[str(result.state)] += 1
+            if isinstance(frame, Frame):
+                summary.size = f" of {frame.camera.width} x {frame.camera.height}"
+                summary.times_s.append(result.timings.total_s)
+                summary.qualities.append(result.quality)
+
+    def on_end(self) -> None:
+        pass
+
+
+def run_jobs(
+    jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()
+) -> tuple[ObjectSummary, ...]:
+    """Track all scenes one after the other; what was seen, per scene and object.
+
+    Writes options.out, results.run.json beside it, and options.replay. extra: observers of every scene.
+    """
+    config = TrackerConfig()
+    parts = {model.part.name: model for job in jobs for model in job.models.values()}
+    # Before files are replaced: a part may lack the generator that the method needs.
+    generators = {name: Tracker(model, config).generator_name for name, model in parts.items()}
+    info = _run_info(parts, generators, config, options)
+    replays = [] if options.replay is None else [_replay(options.replay, len(jobs))]
+    summaries: list[ObjectSummary] = []
+    console.note(_generators_in_use(generators))
+    results = ResultsObserver(options.out, info)
+    start = time.perf_counter()
+    try:
+        for job in jobs:
+            seen = SummaryObserver()
+            count = len(job.sequence.frame_ids)
+            reporter = Reporter(min(count, options.max_frames or count))
+            track_sequence(
+                {object_id: Tracker(model, config) for object_id, model in job.models.items()},
+                job.sequence,
+                job.starts,
+                observers=(results, seen, reporter, *replays, *extra),
+                max_frames=options.max_frames,
+                method=options.method,
+            )
+            summaries += seen.objects.values()
+        info["complete"] = True
+    finally:
+        info["wall_s"] = time.perf_counter() - start
+        info["peak_memory_mb"] = machine.peak_memory_mb()
+        results.finish()
+    return tuple(summaries)
+
+
+def _replay(path: Path, sessions: int) -> Observer:
+    from acp_lab.display.replay import Replay
+
+    return Replay(path, sessions)
+
+
+def _generators_in_use(generators: Mapping[str, str]) -> str:
+    """One line: which generator draws the edges of which parts."""
+    users: dict[str, list[str]] = {}
+    for part, generator in sorted(generators.items()):
+        users.setdefault(generator, []).append(part)
+    return "generator of edges: " + "; ".join(f"{name} for {', '.join(of)}" for name, of in users.items())
+
+
+def _run_info(
+    parts: Mapping[str, PreparedPart],
+    generators: Mapping[str, str],
+    config: TrackerConfig,
+    options: TrackOptions,
+) -> dict[str, Any]:
+    return {
+        "command": ["acp-lab", *sys.argv[1:]],
+        "folder": os.getcwd(),
+        "method": options.method,
+        "options": plain(options),
+        "configuration": plain(config),
+        "parts": {name: {"sha256": model.part.sha256, "generator": generators[name]} for name, model in parts.items()},
+        "threads": options.threads,
+        "machine": machine.machine(),
+        "versions": machine.versions(),
+        "complete": False,
+    }
+
+
+def plain(value: Any) -> Any:
+    """A configuration as JSON can hold it: dataclasses as objects, paths and anything unknown as text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {key: plain(item) for key, item in asdict(value).items()}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    to_list: Callable[[], Any] | None = getattr(value, "tolist", None)  # NumPy arrays and numbers
+    if to_list is not None:
+        return plain(to_list())
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else str(value)
+    return str(value)

@@ -1,0 +1,280 @@
+"""`acp-lab doctor`: what works on this machine, one line per check, and the mend for what does not.
+
+Three verdicts: `ok`; `absent` for something that only part of the toolkit wants; `BROKEN` for what everything
+needs. Each check is a small function that returns a `Check` and never raises.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib import metadata
+from pathlib import Path
+
+import acp_lab
+from acp_lab.commands import machine
+
+_MODULES = {
+    "opencv-python-headless": "cv2",
+    "rerun-sdk": "rerun",
+    "pyrender": "",  # its import needs OpenGL, which has a check of its own
+    "embreex": "",  # likewise
+}
+_PIP = "python -m pip install"
+_GL_TRIAL = (
+    "from acp_lab.cad.part import Part; from acp_lab.cad.shading import shade; "
+    "from acp_lab.geometry.camera import Camera; import numpy as np; "
+    "part = Part.from_mesh([[0, 0, 0], [20, 0, 0], [0, 20, 0], [0, 0, 20]],"
+    " [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], 'trial'); "
+    "pose = np.eye(4); pose[2, 3] = 100; shade(part, Camera(32, 32, 30, 30, 15.5, 15.5), pose)"
+)
+
+
+class Verdict(StrEnum):
+    """How a check came out."""
+
+    OK = "ok"
+    ABSENT = "absent"
+    BROKEN = "BROKEN"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the report; mend says what to do, empty when there is nothing to do."""
+
+    verdict: Verdict
+    what: str
+    mend: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.verdict:<7} {self.what}" + (f": {self.mend}" if self.mend else "")
+
+
+def checks() -> Iterator[Check]:
+    """All checks, in the order in which a newcomer's machine fails them."""
+    yield check_python()
+    yield from check_packages()
+    for check in (
+        check_ray_casting,
+        check_threads,
+        check_sample,
+        check_writing,
+        check_viewer,
+        check_opengl,
+        check_step,
+        check_notebook_viewer,
+        check_chromium,
+    ):
+        yield _safely(check)
+
+
+def print_report() -> int:
+    """Print one line per check as it is done; 0 unless something that is needed is broken, then 1."""
+    broken = 0
+    for check in checks():
+        print(" ".join(str(check).split("\n")), flush=True)
+        broken += check.verdict is Verdict.BROKEN
+    print(f"{broken} broken: mend these first" if broken else "everything needed works")
+    return 1 if broken else 0
+
+
+def check_python() -> Check:
+    """Python and the processor; pip refuses Pythons that are too old."""
+    what = f"Python {platform.python_version()} on {platform.platform()}, {machine.cpu_model()}"
+    return Check(Verdict.OK, what)
+
+
+def check_packages() -> Iterator[Check]:
+    """Every package that acp_lab requires: there, in the range, and it can be imported."""
+    try:
+        requirements = metadata.requires("acp_lab") or []
+    except metadata.PackageNotFoundError:
+        mend = f"{_PIP} -e . in the checkout"
+        yield Check(Verdict.ABSENT, "acp_lab runs from its source and is not installed", mend)
+        return
+    for text in requirements:
+        check = _check_requirement(text)
+        if check is not None:
+            yield check
+
+
+def _check_requirement(text: str) -> Check | None:
+    from packaging.requirements import Requirement
+
+    requirement = Requirement(text)
+    if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+        return None
+    name, mend = requirement.name, f'{_PIP} "{requirement.name}{requirement.specifier}"'
+    try:
+        found = metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return Check(Verdict.BROKEN, f"{name} is not installed", mend)
+    if not requirement.specifier.contains(found, prereleases=True):
+        return Check(Verdict.BROKEN, f"{name} {found} is outside {requirement.specifier}", mend)
+    module = _MODULES.get(name, name.replace("-", "_"))
+    try:
+        if module:
+            importlib.import_module(module)
+    except Exception as error:
+        return Check(
+            Verdict.BROKEN,
+            f"{name} {found} cannot be imported ({_short(error)})",
+            f"{mend} --force-reinstall",
+        )
+    return Check(Verdict.OK, f"{name} {found}")
+
+
+def check_ray_casting() -> Check:
+    """Embree: what makes visibility fast."""
+    import numpy as np
+
+    from acp_lab.cad.raycast import EmbreeCaster
+
+    try:
+        caster = EmbreeCaster(np.eye(3), np.array([[0, 1, 2]]))
+        distance, _ = caster.first_hit(np.array([[0.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 1.0]]))
+    except Exception as error:
+        mend = f"{_PIP} embreex; without it rays are cast in NumPy, which is slow but right"
+        return Check(Verdict.ABSENT, f"ray casting with Embree ({_short(error)})", mend)
+    if abs(distance[0] - 1.0 / 3.0) > 1e-5:
+        return Check(Verdict.BROKEN, f"Embree hits at {distance[0]:g}, not 1/3", f"{_PIP} --force-reinstall embreex")
+    return Check(Verdict.OK, "ray casting with Embree")
+
+
+def check_threads() -> Check:
+    """How many threads training will use."""
+    import torch
+
+    threads, cores = torch.get_num_threads(), machine.cores()
+    what = f"torch {torch.__version__} trains on {threads} threads of {cores} cores"
+    if threads < cores // 2:
+        return Check(Verdict.ABSENT, what, "unset OMP_NUM_THREADS, or give prepare --threads N")
+    return Check(Verdict.OK, what)
+
+
+def check_sample() -> Check:
+    """The part and the sequence that `acp-lab demo` works on."""
+    from acp_lab.commands.demo import open_sample
+    from acp_lab.errors import AcpLabError
+    from acp_lab.sequences.frame import UnreadableFrame
+
+    mend = "install acp_lab again, or check out acp_lab/sample again"
+    try:
+        scene = open_sample()
+        unreadable = [frame for frame in scene.frames() if isinstance(frame, UnreadableFrame)]
+        for object_id in scene.object_ids:
+            scene.dataset.part(object_id)
+    except AcpLabError as error:
+        return Check(Verdict.BROKEN, f"sample ({_short(error)})", mend)
+    if unreadable:
+        return Check(Verdict.BROKEN, f"sample ({unreadable[0].reason})", mend)
+    return Check(Verdict.OK, f"sample: {len(scene.frame_ids)} images and the parts that they show")
+
+
+def check_writing() -> Check:
+    """Whether results can be written here."""
+    for folder in (Path.cwd(), Path(tempfile.gettempdir())):
+        try:
+            with tempfile.TemporaryFile(dir=folder) as trial:
+                trial.write(b"trial")
+        except OSError as error:
+            mend = "change to a folder of your own, or name one with --out"
+            return Check(Verdict.BROKEN, f"{folder} cannot be written ({error.strerror})", mend)
+    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    return Check(Verdict.OK, f"{Path.cwd()} can be written, {free:.1f} GB free")
+
+
+def check_viewer() -> Check:
+    """The rerun viewer behind `acp-lab replay`."""
+    done = _run([sys.executable, "-m", "rerun", "--version"], 30)
+    if done.returncode != 0:
+        mend = f"{_PIP} rerun-sdk --force-reinstall; if it hangs, rerun analytics disable"
+        return Check(Verdict.ABSENT, "the replay viewer does not start", mend)
+    version = done.stdout.split("(")[0].strip() or "rerun"
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        mend = "replays open in a browser with rerun --web-viewer --bind 127.0.0.1 FILE.rrd"
+        return Check(Verdict.ABSENT, f"{version}, but there is no display for it", mend)
+    return Check(Verdict.OK, f"{version}, opened by acp-lab replay")
+
+
+def check_opengl() -> Check:
+    """Software or hardware OpenGL for shaded pictures; in a process of its own, drivers may crash."""
+    environment = dict(os.environ)
+    if sys.platform.startswith("linux"):
+        environment.setdefault("PYOPENGL_PLATFORM", "egl")
+    done = _run([sys.executable, "-c", _GL_TRIAL], 60, environment)
+    if done.returncode == 0:
+        return Check(Verdict.OK, "OpenGL draws shaded pictures of parts")
+    reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+    mend = "only shaded pictures need it; on Debian and Ubuntu apt-get install libegl1 libgl1-mesa-dri"
+    return Check(Verdict.ABSENT, f"OpenGL ({reason[:100]})", mend)
+
+
+def check_step() -> Check:
+    """Reading STEP files."""
+    return _optional("cascadio", "STEP files can be read", f'{_PIP} "acp_lab[step]" to read STEP files')
+
+
+def check_notebook_viewer() -> Check:
+    """Replays inside notebooks."""
+    mend = f'{_PIP} "acp_lab[notebook]" to see replays inside notebooks'
+    return _optional("rerun_notebook", "replays show inside notebooks", mend)
+
+
+def check_chromium() -> Check:
+    """The browser that the tests of notebooks' widgets drive."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        found = shutil.which(name)
+        if found:
+            return Check(Verdict.OK, f"{found} for the browser tests")
+    return Check(Verdict.ABSENT, "Chromium", "only browser tests want it; on Debian apt-get install chromium")
+
+
+def _optional(module: str, what: str, mend: str) -> Check:
+    if importlib.util.find_spec(module) is None:
+        return Check(Verdict.ABSENT, module, mend)
+    return Check(Verdict.OK, what)
+
+
+def _safely(check: Callable[[], Check]) -> Check:
+    try:
+        return check()
+    except Exception as error:
+        mend = "report this, with the whole output of acp-lab doctor"
+        return Check(Verdict.BROKEN, f"{check.__name__} ({type(error).__name__}: {_short(error)})", mend)
+
+
+def _run(
+    command: list[str], timeout_s: float, environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a program with its output kept; status 124 when it takes too long."""
+    # The package may run from a checkout that is not installed.
+    environment = dict(os.environ if environment is None else environment)
+    home = str(Path(acp_lab.__file__).parent.parent)
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [home, environment.get("PYTHONPATH")]))
+    try:
+        return subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+            check=False,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command, 124, "", f"no answer within {timeout_s:g} s")
+
+
+def _short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:160] or type(error).__name__

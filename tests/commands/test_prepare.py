@@ -1,0 +1,118 @@
+"""`acp-lab prepare`: what it writes, and bad meshes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from acp_lab.commands.prepare import read_part
+from tests.cli_runner import Outcome, assert_one_error, run
+from tests.commands.conftest import edit_json
+from tests.sequences.tiny_dataset import write_box, write_models
+
+
+def prepare(capsys: pytest.CaptureFixture[str], out: Path, *words: str | Path) -> Outcome:
+    return run(capsys, "prepare", *words, "--out", out, "--generator", "templates", "--fast")
+
+
+@pytest.fixture
+def mesh(tmp_path: Path) -> Path:
+    write_box(tmp_path / "block.ply")
+    return tmp_path / "block.ply"
+
+
+def test_a_folder_named_after_the_mesh(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
+    outcome = prepare(capsys, tmp_path / "parts", mesh)
+    assert outcome.status == 0, outcome
+    assert outcome.err == ""
+    folder = tmp_path / "parts" / "block"
+    assert str(folder) in outcome.out
+    info = json.loads((folder / "part.json").read_text())
+    assert "version" in json.dumps(info)
+    kinds = {path.suffix for path in folder.iterdir()}
+    assert kinds == {".json", ".safetensors"}
+
+
+def test_several_meshes(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
+    write_box(tmp_path / "other.ply")
+    assert prepare(capsys, tmp_path / "parts", mesh, tmp_path / "other.ply").status == 0
+    assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == ["block", "other"]
+
+
+def test_same_stem_of_another_mesh_is_refused_unless_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path
+) -> None:
+    assert prepare(capsys, tmp_path / "parts", mesh).status == 0
+    before = (tmp_path / "parts" / "block" / "part.json").read_bytes()
+    mesh.write_text(mesh.read_text().replace("-20 ", "-22 "))
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "block", "--no-resume")
+    assert (tmp_path / "parts" / "block" / "part.json").read_bytes() == before
+    assert prepare(capsys, tmp_path / "parts", mesh, "--no-resume").status == 0
+    assert (tmp_path / "parts" / "block" / "part.json").read_bytes() != before
+
+
+def test_two_meshes_of_one_name(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    write_box(tmp_path / "elsewhere" / "block.ply")
+    outcome = prepare(capsys, tmp_path / "parts", mesh, tmp_path / "elsewhere" / "block.ply")
+    assert_one_error(outcome, "block.ply", "same name")
+
+
+def test_a_file_where_the_folder_should_be(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
+    (tmp_path / "parts").write_text("")
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "parts", "folder")
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".step"])
+@pytest.mark.parametrize("content", [None, "", "nonsense", "ply\nformat ascii 1.0\n"])
+def test_bad_mesh_files(capsys: pytest.CaptureFixture[str], tmp_path: Path, suffix: str, content: str | None) -> None:
+    path = tmp_path / f"bad{suffix}"
+    if content is not None:
+        path.write_text(content)
+    assert_one_error(prepare(capsys, tmp_path / "parts", path), path.name)
+    assert not (tmp_path / "parts" / "bad").exists()
+
+
+def test_unknown_kind_of_mesh(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "part.txt").write_text("hello")
+    assert_one_error(prepare(capsys, tmp_path / "parts", tmp_path / "part.txt"), "part.txt", ".ply")
+
+
+@pytest.mark.parametrize("kept", [0.3, 0.6, 0.95])
+def test_cut_off_mesh(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path, kept: float) -> None:
+    text = mesh.read_text()
+    mesh.write_text(text[: int(kept * len(text))])
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "block.ply")
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(0.001, "mm"), (1000.0, "mm")])
+def test_wrong_unit(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path, factor: float, unit: str) -> None:
+    lines = mesh.read_text().splitlines()
+    start = lines.index("end_header") + 1
+    for i in range(start, start + 8):
+        lines[i] = " ".join(f"{factor * float(word):g}" for word in lines[i].split())
+    mesh.write_text("\n".join(lines) + "\n")
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "block.ply", unit)
+
+
+def test_mesh_without_faces(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "points.obj"
+    path.write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\n")
+    assert_one_error(prepare(capsys, tmp_path / "parts", path), "points.obj")
+
+
+def test_models_info_beside_the_mesh_counts(tmp_path: Path) -> None:
+    turn = [[-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]]
+    write_models(tmp_path, {3: {"symmetries_discrete": turn}})
+    assert read_part(tmp_path / "models" / "obj_000003.ply").symmetries
+    write_box(tmp_path / "models" / "block.ply")
+    assert not read_part(tmp_path / "models" / "block.ply").symmetries
+
+
+def test_models_info_that_contradicts_the_mesh(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write_models(tmp_path, {3: {}})
+    edit_json(tmp_path / "models" / "models_info.json", lambda infos: infos["3"].update(diameter=0.0538))
+    outcome = prepare(capsys, tmp_path / "parts", tmp_path / "models" / "obj_000003.ply")
+    assert_one_error(outcome, "obj_000003.ply")

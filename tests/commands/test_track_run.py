@@ -1,0 +1,177 @@
+"""`acp-lab track` and `acp-lab eval` from start to end, on two drawn boxes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acp_lab.commands.track import TrackOptions, scene_jobs
+from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
+from acp_lab.sequences import ResultRow, ResultsWriter, read_results
+from tests.cli_runner import Outcome, assert_one_error, run
+from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, write_dataset
+from tests.sequences.tiny_dataset import write_json
+
+
+def track(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, *words: str) -> Outcome:
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, *words)
+    assert outcome.status == 0, outcome
+    return outcome
+
+
+def poses(path: Path) -> np.ndarray:
+    return np.array([row.cam_T_obj for row in read_results(path)])
+
+
+def test_a_row_per_frame_and_object(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    outcome = track(capsys, dataset, parts, tmp_path / "out" / "results.csv")
+    rows = read_results(tmp_path / "out" / "results.csv")
+    assert sorted(row.key for row in rows) == [(1, f, o) for f in FRAME_IDS for o in OBJECT_IDS]
+    assert all(0.0 <= row.score <= 1.0 and row.time_s > 0.0 for row in rows)
+    assert outcome.err.count("\n") == 1
+    assert "templates" in outcome.err  # which generator was used
+
+
+def test_the_boxes_are_followed(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    track(capsys, dataset, parts, tmp_path / "results.csv")
+    outcome = run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "scores.json")
+    assert outcome.status == 0, outcome
+    assert "@5%" in outcome.out
+    scores = json.loads((tmp_path / "scores.json").read_text())
+    assert [item["obj_id"] for item in scores["objects"]] == list(OBJECT_IDS)
+    assert scores["pooled"]["recall_5"] == 1.0
+    assert scores["pooled"]["frames"] == (len(FRAME_IDS) - 1) * len(OBJECT_IDS)
+
+
+def test_run_json_tells_how_it_came_about(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    track(capsys, dataset, parts, tmp_path / "results.csv", "--seed", "3")
+    info = json.loads((tmp_path / "results.run.json").read_text())
+    assert info["complete"] is True
+    assert info["method"] == "acp"
+    assert info["options"]["seed"] == 3
+    assert info["configuration"]
+    assert info["parts"]["obj_000001"]["generator"] == "templates"
+    assert len(info["parts"]["obj_000001"]["sha256"]) == 64
+    assert {"numpy", "acp_lab", "python"} <= set(info["versions"])
+    assert info["machine"]["cpu"]
+    assert info["threads"] == 1
+
+
+def test_same_seed_same_numbers(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    noise = ("--init-noise-deg", "2", "--init-noise-mm", "1", "--seed")
+    for name, seed in (("a", "5"), ("b", "5"), ("c", "6")):
+        track(capsys, dataset, parts, tmp_path / f"{name}.csv", *noise, seed)
+    np.testing.assert_array_equal(poses(tmp_path / "a.csv"), poses(tmp_path / "b.csv"))
+    assert not np.array_equal(poses(tmp_path / "a.csv"), poses(tmp_path / "c.csv"))
+
+
+def test_noise_is_exact_and_from_the_seed(dataset: Path, parts: Path, tmp_path: Path) -> None:
+    options = TrackOptions(parts=parts, out=tmp_path / "r.csv", dataset=dataset, noise_deg=5.0, noise_mm=3.0, seed=7)
+    (job,) = scene_jobs(options)
+    (again,) = scene_jobs(options)
+    for object_id in OBJECT_IDS:
+        start, truth = job.starts[object_id], true_pose(0, object_id)
+        np.testing.assert_array_equal(start, again.starts[object_id])
+        assert rotation_angle_deg(start[:3, :3], truth[:3, :3]) == pytest.approx(5.0)
+        centre = job.models[object_id].part.box_centre
+        moved = transform(start, centre[None]) - transform(truth, centre[None])
+        assert np.linalg.norm(moved) == pytest.approx(3.0)
+    relative = [job.starts[i] @ inverse(true_pose(0, i)) for i in OBJECT_IDS]
+    assert not np.allclose(relative[0], relative[1])  # each object has noise of its own
+
+
+def test_choosing_scene_object_and_frames(capsys: pytest.CaptureFixture[str], parts: Path, tmp_path: Path) -> None:
+    dataset = write_dataset(tmp_path / "two", scenes=(1, 7))
+    track(capsys, dataset, parts, tmp_path / "all.csv", "--max-frames", "2")
+    assert {row.key[:2] for row in read_results(tmp_path / "all.csv")} == {(1, 0), (1, 2), (7, 0), (7, 2)}
+    words = ("--scene", "7", "--object", "4", "--max-frames", "1")
+    track(capsys, dataset, parts, tmp_path / "one.csv", *words)
+    assert [row.key for row in read_results(tmp_path / "one.csv")] == [(7, 0, 4)]
+
+
+def test_starting_from_a_file(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    (dataset / "test" / "000001" / "scene_gt.json").unlink()
+    with ResultsWriter(tmp_path / "poses.csv") as writer:
+        writer.append(ResultRow(1, 0, 4, 1.0, true_pose(0, 4)))
+    track(capsys, dataset, parts, tmp_path / "results.csv", "--init", str(tmp_path / "poses.csv"))
+    assert [row.obj_id for row in read_results(tmp_path / "results.csv")] == [4] * len(FRAME_IDS)
+
+
+def test_a_frame_in_the_middle_that_cannot_be_read(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    (dataset / "test" / "000001" / "rgb" / "000003.png").write_bytes(b"")
+    outcome = track(capsys, dataset, parts, tmp_path / "results.csv", "--object", "1")
+    assert outcome.err.count("warning: ") == 1
+    assert "000003.png" in outcome.err
+    rows = {row.im_id: row for row in read_results(tmp_path / "results.csv")}
+    assert set(rows) == set(FRAME_IDS)
+    assert rows[3].score == 0.0
+    assert rows[5].score > 0.0
+
+
+def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    pose = true_pose(0)
+    entry = {"cam_R_m2c": pose[:3, :3].ravel().tolist(), "cam_t_m2c": pose[:3, 3].tolist()}
+    write_json(tmp_path / "pose.json", entry)
+    words = ["--video", dataset / "test" / "000001" / "rgb", "--mesh", dataset / "models" / "obj_000001.ply"]
+    words += ["--camera", tmp_path / "camera.json", "--init", tmp_path / "pose.json"]
+    outcome = run(capsys, "track", *words, "--parts", parts, "--out", tmp_path / "results.csv")
+    assert outcome.status == 0, outcome
+    assert [row.key for row in read_results(tmp_path / "results.csv")] == [(1, i, 1) for i in range(5)]
+
+
+def test_a_replay_on_the_way(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    track(capsys, dataset, parts, tmp_path / "results.csv", "--replay", str(tmp_path / "run.rrd"))
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000
+
+
+def test_interrupted_run_keeps_its_rows(
+    capsys: pytest.CaptureFixture[str],
+    dataset: Path,
+    parts: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen = []
+
+    def interrupt(self: object, frame: object, results: object) -> None:
+        seen.append(frame)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("acp_lab.commands.track_run.SummaryObserver.on_frame", interrupt)
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", tmp_path / "results.csv")
+    assert outcome.status == 130
+    assert len(read_results(tmp_path / "results.csv")) == 3 * len(OBJECT_IDS)
+    assert json.loads((tmp_path / "results.run.json").read_text())["complete"] is False
+
+
+@pytest.mark.parametrize("content", ["", "nonsense\n", "scene_id,im_id,obj_id,score,R,t,time\n1,0,1\n"])
+def test_eval_of_a_malformed_results_file(
+    capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path, content: str
+) -> None:
+    (tmp_path / "results.csv").write_text(content)
+    assert_one_error(run(capsys, "eval", dataset, tmp_path / "results.csv"), "results.csv")
+
+
+def test_eval_of_missing_things(capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path) -> None:
+    assert_one_error(run(capsys, "eval", dataset, tmp_path / "none.csv"), "none.csv")
+    with ResultsWriter(tmp_path / "results.csv") as writer:
+        writer.append(ResultRow(1, 2, 1, 1.0, true_pose(2)))
+    assert_one_error(run(capsys, "eval", tmp_path / "nowhere", tmp_path / "results.csv"), "nowhere")
+    same = run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "results.csv")
+    assert_one_error(same, "overwrite")
+    assert_one_error(
+        run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "results.csv" / "x.json"),
+        "x.json",
+    )
+    assert_one_error(run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path), "folder")

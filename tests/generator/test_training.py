@@ -1,0 +1,115 @@
+"""Training of the visibility network: repeatable, and good on views it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.edges import EdgeSamples, facing, sample_edges, visible_samples
+from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import RayCaster
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.view_regions import ALL_REGIONS, sample_directions
+from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
+from acp_lab.generator.training import TrainingConfig, TrainingReport, train_region
+from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
+from tests.made_parts import looking_at
+
+REGION = ALL_REGIONS[4]
+TINY = TrainingConfig(views=60, held_out=10, epochs=3, batch=20, hidden=16)
+SMALL = TrainingConfig(views=250, held_out=60, epochs=40, batch=25, peak_rate=1e-2, hidden=64)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Matrices this small gain nothing from a second one, and two that wait for each other on a busy machine crawl."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def edges(part: Part) -> EdgeSamples:
+    """A third as many as usual."""
+    return sample_edges(part, spacing_mm=1.5)
+
+
+def test_the_same_seed_gives_the_same_weights(part: Part, edges: EdgeSamples, caster: RayCaster) -> None:
+    import torch
+
+    torch.manual_seed(1)
+    first, report = train_region(part, edges, caster, REGION, TINY, seed=3)
+    torch.manual_seed(2)  # whatever else was drawn before does not matter
+    state = torch.random.get_rng_state()
+    again, report_again = train_region(part, edges, caster, REGION, TINY, seed=3)
+    assert torch.equal(state, torch.random.get_rng_state()), "training disturbs the random numbers of others"
+    for name, value in vars(first).items():
+        np.testing.assert_array_equal(value, getattr(again, name), err_msg=name)
+    assert report == report_again
+    other, _ = train_region(part, edges, caster, REGION, TINY, seed=4)
+    assert not np.array_equal(first.weight1, other.weight1)
+
+
+def test_shapes_and_types_are_those_that_are_stored(part: Part, edges: EdgeSamples, caster: RayCaster) -> None:
+    told: list[tuple[int, int]] = []
+    network, report = train_region(
+        part, edges, caster, REGION, TINY, seed=0, progress=lambda done, total: told.append((done, total))
+    )
+    m = len(network.rows)
+    shapes = {
+        "weight1": (16, 8),
+        "bias1": (16,),
+        "weight2": (16, 16),
+        "bias2": (16,),
+        "weight3": (m, 16),
+        "bias3": (m,),
+    }
+    for name, shape in shapes.items():
+        value = getattr(network, name)
+        assert value.shape == shape, name
+        assert value.dtype == np.float32, name
+    assert network.rows.dtype == np.int32
+    assert (np.diff(network.rows) > 0).all()
+    assert 0 < m <= len(edges)
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert report.region == REGION.index
+    assert 0.0 < report.final_loss < 1.0
+
+
+@pytest.fixture(scope="module")
+def trained(part: Part, edges: EdgeSamples, caster: RayCaster) -> tuple[RegionNetwork, TrainingReport]:
+    return train_region(part, edges, caster, REGION, SMALL, seed=0)
+
+
+def test_views_it_never_saw_are_answered_well(
+    part: Part, edges: EdgeSamples, caster: RayCaster, trained: tuple[RegionNetwork, TrainingReport]
+) -> None:
+    network, report = trained
+    generator = VisibilityNetwork(part, edges, {REGION.index: network}, None)
+    both = called = free = hidden = called_hidden = 0
+    for number, direction in enumerate(sample_directions(REGION, 0.5 * part.box_size, 60, seed=99)):
+        pose = looking_at(part, direction, (2.0 + 0.1 * number) * part.diameter, roll_rad=0.1 * number)
+        eye_obj = eye_position(pose)
+        shows = facing(edges, eye_obj).shows
+        truth = visible_samples(edges, caster, eye_obj, RAY_OFFSET_IN_DIAMETERS * part.diameter)
+        answer = np.zeros(len(edges), bool)
+        answer[generator.visible(pose, REGION.index, 10**6).ids] = True
+        both, called, free = both + (answer & truth).sum(), called + answer.sum(), free + truth.sum()
+        hidden, called_hidden = hidden + (shows & ~truth).sum(), called_hidden + (shows & ~truth & ~answer).sum()
+    assert both / called > 0.98
+    assert both / free > 0.98
+    # Hidden samples are rare: who calls everything free reaches such numbers, but finds none of them.
+    assert called_hidden / hidden > 0.6
+    assert report.precision == pytest.approx(both / called, abs=0.02)
+    assert report.recall == pytest.approx(both / free, abs=0.02)
+
+
+def test_the_fast_settings_train_less() -> None:
+    fast, full = TrainingConfig.fast(), TrainingConfig()
+    assert fast.views * fast.epochs < full.views * full.epochs / 4
+    assert (fast.hidden, fast.overlap) == (full.hidden, full.overlap)

@@ -1,0 +1,101 @@
+"""The visibility network in NumPy: its inputs, its layers, what it answers, and what stands in for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acp_lab.cad.edges import EdgeSamples, facing
+from acp_lab.cad.part import Part
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.view_regions import ALL_REGIONS, sphere_directions
+from acp_lab.errors import GeometryError
+from acp_lab.generator.templates import TemplateGenerator
+from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork, network_inputs
+from tests.made_parts import bracket, looking_at
+
+EVERYTHING = 10**6
+PART = bracket(shift=(100.0, -50.0, 20.0))
+
+
+def random_network(rows: np.ndarray, hidden: int = 16, seed: int = 0) -> RegionNetwork:
+    rng = np.random.default_rng(seed)
+    shapes = ((hidden, 8), (hidden,), (hidden, hidden), (hidden,), (len(rows), hidden), (len(rows),))
+    return RegionNetwork(*(rng.standard_normal(shape).astype(np.float32) for shape in shapes), rows.astype(np.int32))
+
+
+def constant_network(rows: np.ndarray, logit: np.ndarray) -> RegionNetwork:
+    """Answers `logit` whatever the view."""
+    zero = np.zeros((4, 8), np.float32), np.zeros(4, np.float32), np.zeros((4, 4), np.float32), np.zeros(4, np.float32)
+    return RegionNetwork(*zero, np.zeros((len(rows), 4), np.float32), logit.astype(np.float32), rows.astype(np.int32))
+
+
+def test_logits_are_those_of_the_three_layers_for_samples_that_show() -> None:
+    rows = np.array([1, 4, 5, 9])
+    network = random_network(rows)
+    inputs = np.linspace(-1.0, 1.0, 8).astype(np.float32)
+    shows = np.zeros(12, bool)
+    shows[[0, 4, 9, 11]] = True
+    first = [max(0.0, float(w @ inputs + b)) for w, b in zip(network.weight1, network.bias1, strict=True)]
+    second = [max(0.0, float(w @ first + b)) for w, b in zip(network.weight2, network.bias2, strict=True)]
+    expected = [float(network.weight3[k] @ second + network.bias3[k]) for k in (1, 3)]
+    logits, ids = network.logits(inputs, shows)
+    np.testing.assert_array_equal(ids, [4, 9])
+    np.testing.assert_allclose(logits, expected, rtol=1e-5)
+    none, ids = network.logits(inputs, np.zeros(12, bool))
+    assert len(none) == len(ids) == 0
+
+
+@pytest.mark.parametrize("region", ALL_REGIONS, ids=lambda region: region.name)
+@given(distance_in_diameters=st.floats(1.2, 15.0), number=st.integers(0, 99))
+def test_inputs_stay_near_the_unit_square(region, distance_in_diameters: float, number: int) -> None:  # type: ignore[no-untyped-def]
+    eye_obj = PART.box_centre + distance_in_diameters * PART.diameter * sphere_directions(100)[number]
+    inputs = network_inputs(PART, eye_obj, region.index)
+    assert inputs.shape == (8,)
+    assert inputs.dtype == np.float32
+    assert np.abs(inputs).max() < 1.3
+
+
+def test_inputs_refuse_an_eye_inside_the_part() -> None:
+    with pytest.raises(GeometryError, match="inside its bounding sphere"):
+        network_inputs(PART, PART.box_centre + 1.0, 0)
+
+
+def test_it_answers_with_free_samples_their_belief_and_a_stable_order(part: Part, edges: EdgeSamples) -> None:
+    rows = np.arange(0, len(edges), 3)
+    logit = np.where(np.arange(len(rows)) % 2 == 0, 2.0, -2.0)
+    generator = VisibilityNetwork(part, edges, {4: constant_network(rows, logit)}, None)
+    pose = looking_at(part, np.array([0.3, 0.2, 1.0]), 400.0)
+    seen = facing(edges, eye_position(pose))
+    expected = rows[(logit > 0.0) & seen.shows[rows]]
+    answer = generator.visible(pose, 4, EVERYTHING)
+    np.testing.assert_array_equal(answer.ids, expected)
+    np.testing.assert_array_equal(answer.outline, seen.outline[expected])
+    np.testing.assert_allclose(answer.weights, 1.0 / (1.0 + np.exp(-2.0)))
+    few = generator.visible(pose, 4, 7)
+    np.testing.assert_array_equal(few.ids, expected[:7])
+    assert len(few.outline) == len(few.weights) == 7
+
+
+def test_a_region_without_network_falls_back(part: Part, edges: EdgeSamples, templates: TemplateGenerator) -> None:
+    network = {4: constant_network(np.arange(len(edges)), np.full(len(edges), -1.0))}
+    pose = looking_at(part, np.array([1.0, 0.2, 0.1]), 400.0)
+    with_fallback = VisibilityNetwork(part, edges, network, templates)
+    np.testing.assert_array_equal(with_fallback.visible(pose, 0, 50).ids, templates.visible(pose, 0, 50).ids)
+    assert len(with_fallback.visible(pose, 4, 50).ids) == 0
+    # Without templates, whatever faces the eye, hidden or not.
+    alone = VisibilityNetwork(part, edges, network, None).visible(pose, 0, EVERYTHING)
+    seen = facing(edges, eye_position(pose))
+    np.testing.assert_array_equal(alone.ids, np.flatnonzero(seen.shows))
+    np.testing.assert_array_equal(alone.outline, seen.outline[alone.ids])
+
+
+def test_very_sure_networks_overflow_nowhere(part: Part, edges: EdgeSamples) -> None:
+    network = constant_network(np.arange(len(edges)), np.where(np.arange(len(edges)) % 2, 6e4, -6e4))
+    answer = VisibilityNetwork(part, edges, {0: network}, None).visible(
+        looking_at(part, np.array([1.0, 0.2, 0.1]), 400.0), 0, EVERYTHING
+    )
+    assert len(answer.ids) > 0
+    assert (answer.weights == 1.0).all()

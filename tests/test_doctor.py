@@ -1,0 +1,76 @@
+"""The doctor's verdicts and exit status."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from acp_lab import doctor
+from acp_lab.doctor import Check, Verdict
+from tests.cli_runner import run
+
+
+def _checks(*found: Check):  # type: ignore[no-untyped-def]
+    return lambda: iter(found)
+
+
+def test_absent_things_are_no_failure(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    found = (Check(Verdict.OK, "Python"), Check(Verdict.ABSENT, "OpenGL", "install it"))
+    monkeypatch.setattr(doctor, "checks", _checks(*found))
+    outcome = run(capsys, "doctor")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.out.splitlines()[:2] == ["ok      Python", "absent  OpenGL: install it"]
+
+
+def test_broken_things_are_a_failure(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "checks", _checks(Check(Verdict.BROKEN, "numpy\nis", "mend")))
+    outcome = run(capsys, "doctor")
+    assert outcome.status == 1
+    assert outcome.out.splitlines()[0] == "BROKEN  numpy is: mend"
+
+
+def test_requirements_that_are_not_met() -> None:
+    missing = doctor._check_requirement("acp-lab-no-such-package>=1")
+    assert missing is not None
+    assert missing.verdict is Verdict.BROKEN
+    assert "pip install" in missing.mend
+    old = doctor._check_requirement("numpy>=99")
+    assert old is not None
+    assert old.verdict is Verdict.BROKEN
+    assert ">=99" in old.what
+    assert doctor._check_requirement("numpy; extra == 'dev'") is None
+    fine = doctor._check_requirement("numpy>=1")
+    assert fine is not None
+    assert fine.verdict is Verdict.OK
+
+
+def test_a_check_that_fails_itself_is_reported() -> None:
+    def check() -> Check:
+        raise RuntimeError("oops")
+
+    found = doctor._safely(check)
+    assert found.verdict is Verdict.BROKEN
+    assert "oops" in found.what
+
+
+def test_programs_that_hang_are_left() -> None:
+    done = doctor._run([sys.executable, "-c", "import time; time.sleep(60)"], 0.5)
+    assert done.returncode == 124
+    assert "0.5 s" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "check", [doctor.check_ray_casting, doctor.check_writing, doctor.check_sample, doctor.check_step]
+)
+def test_what_every_machine_with_a_full_environment_has(check) -> None:  # type: ignore[no-untyped-def]
+    assert check().verdict is Verdict.OK, check()
+
+
+@pytest.mark.slow
+def test_the_whole_report(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = run(capsys, "doctor")
+    assert outcome.status == 0, outcome.out
+    assert outcome.err == ""
+    verdicts = {line.split()[0] for line in outcome.out.splitlines()[:-1]}
+    assert verdicts <= {"ok", "absent"}

@@ -1,0 +1,68 @@
+"""A module imports only from layers below its own; read from the source, so that late imports count too."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import acp_lab
+
+PACKAGE = Path(acp_lab.__file__).parent
+
+# From the bottom up; names in one row may import each other.
+LAYERS = (
+    ("errors",),
+    ("sample",),
+    ("geometry",),
+    ("imaging",),
+    ("cad",),
+    ("sequences",),
+    ("control_points",),
+    ("generator",),
+    ("prepared_part",),
+    ("preparation",),
+    ("tracking",),
+    ("evaluation",),
+    ("display",),
+    ("course",),
+    ("commands", "doctor", "cli", "__main__"),
+)
+HEIGHT = {name: height for height, names in enumerate(LAYERS) for name in names}
+
+MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py" and "data" not in path.parts)
+
+
+def layer(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported_layers(path: Path) -> Iterator[str]:
+    """The layers of acp_lab that a module imports from, wherever in the file it does so."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module] if node.module != "acp_lab" else [f"acp_lab.{a.name}" for a in node.names]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        for name in names:
+            words = name.split(".")
+            if words[0] == "acp_lab" and len(words) > 1 and words[1] in HEIGHT:
+                yield words[1]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_point_down(path: Path) -> None:
+    own = layer(path)
+    assert own in HEIGHT, f"{own} is in no layer: add it to LAYERS"
+    upward = {name for name in imported_layers(path) if HEIGHT[name] > HEIGHT[own]}
+    assert not upward, f"{path.name} of layer {own} imports from {', '.join(sorted(upward))} above it"
+
+
+def test_every_folder_of_code_is_a_package() -> None:
+    """setuptools would leave the others out of the wheel without a word."""
+    folders = {path.parent for path in PACKAGE.rglob("*.py")}
+    assert not [str(folder) for folder in folders if not (folder / "__init__.py").is_file()]

@@ -1,0 +1,90 @@
+"""The wheel: it carries the code of every layer and the sample, and nothing of the tests."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[1]
+CONFIG = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_every_requirement_is_bounded() -> None:
+    """An uncapped torch would pull gigabytes of CUDA packages; the others would break on some later day."""
+    extras = CONFIG["project"]["optional-dependencies"].values()
+    requirements = [*CONFIG["project"]["dependencies"], *(item for extra in extras for item in extra)]
+    for requirement in requirements:
+        assert ">=" in requirement, requirement
+        assert "<" in requirement.partition(";")[0], requirement
+
+
+def test_environment_md_explains_every_package() -> None:
+    text = (PROJECT / "environment.md").read_text(encoding="utf-8")
+    extras = CONFIG["project"]["optional-dependencies"].values()
+    for requirement in [*CONFIG["project"]["dependencies"], *(item for extra in extras for item in extra)]:
+        name = requirement.partition(">=")[0].partition("[")[0]
+        bounds = requirement.partition(";")[0].removeprefix(name).partition("]")[2] or requirement.partition(";")[
+            0
+        ].removeprefix(name)
+        assert f"| {name} | {bounds.strip()} |" in text, f"environment.md lacks: | {name} | {bounds.strip()} |"
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of this checkout."""
+    # A copy, since setuptools leaves a build folder behind; without isolation nothing is downloaded.
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    shutil.copytree(PROJECT / "acp_lab", source / "acp_lab", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(PROJECT / name, source / name)
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    (path,) = folder.glob("acp_lab-*.whl")
+    return path
+
+
+@pytest.mark.slow
+def test_the_wheel_carries_code_and_sample(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    code = {
+        path.relative_to(PROJECT).as_posix()
+        for path in (PROJECT / "acp_lab").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert code <= names, sorted(code - names)[:10]
+    assert "acp_lab/py.typed" in names
+    assert any(name.startswith("acp_lab/sample/data/test/000001/rgb/") for name in names)
+    assert not [name for name in names if name.startswith(("tests/", "data_recipes/", "benchmarks/"))]
+    assert wheel.stat().st_size < 8e6
+
+
+@pytest.mark.slow
+def test_the_installed_wheel_works(wheel: Path, tmp_path: Path) -> None:
+    """Away from the checkout, with this environment's packages: command line and sample are there."""
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+    code = (
+        "import sys, acp_lab; assert acp_lab.__file__.startswith(sys.argv[1]), acp_lab.__file__\n"
+        "from acp_lab.doctor import check_sample; print(check_sample())\n"
+        "from acp_lab.cli import main; sys.exit(main(['--version']))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "site")],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+        env=environment,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("ok      sample: ")
+    assert "acp_lab " in done.stdout.splitlines()[1]

@@ -1,0 +1,244 @@
+"""The offline phase: what is made, what is taken up again, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.edges import sample_edges
+from acp_lab.cad.part import Part
+from acp_lab.errors import PartError, PreparationError
+from acp_lab.generator.templates import build_templates
+from acp_lab.generator.training import TrainingConfig
+from acp_lab.preparation import prepare
+from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, PreparedPart
+from tests.made_parts import box, bracket, sheet
+
+
+class Told:
+    """A progress bar that remembers, and that can stop the work like Ctrl-C does."""
+
+    def __init__(self, stop_at: str = "") -> None:
+        self.stages: list[str] = []
+        self.last = (0, 0)
+        self._stop_at = stop_at
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        if stage not in self.stages:
+            self.stages.append(stage)
+        self.last = (done, total)
+        if stage == self._stop_at:
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_work() -> Iterator[None]:
+    """Trainings of a blink, in one thread, so that the tests are about what is kept and not about what is learnt."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    patch = pytest.MonkeyPatch()
+    patch.setattr(TrainingConfig, "fast", lambda: TrainingConfig(views=20, held_out=5, epochs=2, batch=10, hidden=8))
+    patch.setattr("acp_lab.preparation.build_templates", partial(build_templates, subdivisions=1))
+    patch.setattr("acp_lab.preparation.sample_edges", lambda part: sample_edges(part, spacing_mm=2.0))
+    yield
+    patch.undo()
+    torch.set_num_threads(threads)
+
+
+def folder_bytes(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.suffix == ".safetensors"}
+
+
+def header(folder: Path) -> dict:  # type: ignore[type-arg]
+    """part.json without what differs from run to run: the seconds."""
+    values: dict = json.loads((folder / "part.json").read_text())  # type: ignore[type-arg]
+    for region in values["generators"].get("learned", {}).get("regions", ()):
+        region.pop("train_s")
+    return values
+
+
+# ---- what is made --------------------------------------------------------------------------------------------
+
+
+def test_templates_alone(tmp_path: Path) -> None:
+    told = Told()
+    model = prepare(bracket(), generator="templates", out=tmp_path, progress=told)
+    assert model.generator_names == ("templates",)
+    assert model.edge_break_mm == DEFAULT_EDGE_BREAK_MM
+    assert told.stages == ["view templates"]
+    assert told.last[0] == told.last[1] > 0
+    back = PreparedPart.load(tmp_path / "bracket")
+    assert back.templates is not None
+    assert model.templates is not None
+    np.testing.assert_array_equal(back.templates.packed, model.templates.packed)
+
+
+def test_both_generators_for_all_regions(tmp_path: Path) -> None:
+    told = Told()
+    model = prepare(bracket(), fast=True, out=tmp_path, progress=told)
+    assert model.generator_names == ("learned", "templates")
+    assert sorted(model.networks) == [0, 1, 2, 3, 4, 5]
+    assert [report.region for report in model.reports] == [0, 1, 2, 3, 4, 5]
+    assert all(report.train_s > 0.0 for report in model.reports)
+    names = [f"visibility network, region {name}" for name in ("+x", "-x", "+y", "-y", "+z", "-z")]
+    assert told.stages == ["view templates", *names]
+    assert PreparedPart.load(tmp_path / "bracket").generator_names == ("learned", "templates")
+
+
+def test_learned_alone_for_some_regions(tmp_path: Path) -> None:
+    model = prepare(bracket(), generator="learned", fast=True, regions=(4, 0, 4), out=tmp_path)
+    assert model.generator_names == ("learned",)
+    assert sorted(model.networks) == [0, 4]
+    assert sorted(PreparedPart.load(tmp_path / "bracket").networks) == [0, 4]
+
+
+def test_nothing_is_stored_unless_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert prepare(bracket(), generator="templates").templates is not None
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_same_seed_gives_the_same_files(tmp_path: Path) -> None:
+    for name in ("first", "again"):
+        prepare(bracket(), fast=True, regions=(1,), seed=5, out=tmp_path / name)
+    assert folder_bytes(tmp_path / "first" / "bracket") == folder_bytes(tmp_path / "again" / "bracket")
+    assert header(tmp_path / "first" / "bracket") == header(tmp_path / "again" / "bracket")
+
+
+# ---- what is taken up again ----------------------------------------------------------------------------------
+
+
+def test_an_interrupted_run_goes_on_to_the_same_numbers(tmp_path: Path) -> None:
+    prepare(bracket(), fast=True, regions=(0, 1, 2), out=tmp_path / "one_go")
+    with pytest.raises(KeyboardInterrupt):
+        prepare(
+            bracket(),
+            fast=True,
+            regions=(0, 1, 2),
+            out=tmp_path / "two_goes",
+            progress=Told(stop_at="visibility network, region -x"),
+        )
+    assert sorted(PreparedPart.load(tmp_path / "two_goes" / "bracket").networks) == [0]
+    told = Told()
+    prepare(bracket(), fast=True, regions=(0, 1, 2), out=tmp_path / "two_goes", progress=told)
+    assert told.stages == ["visibility network, region -x", "visibility network, region +y"]
+    assert folder_bytes(tmp_path / "one_go" / "bracket") == folder_bytes(tmp_path / "two_goes" / "bracket")
+    assert header(tmp_path / "one_go" / "bracket") == header(tmp_path / "two_goes" / "bracket")
+
+
+def test_interrupted_templates_leave_nothing_half_done(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        prepare(bracket(), generator="templates", out=tmp_path, progress=Told(stop_at="view templates"))
+    assert not (tmp_path / "bracket" / "part.json").exists()
+    assert prepare(bracket(), generator="templates", out=tmp_path).templates is not None
+
+
+def test_each_run_adds_its_generator(tmp_path: Path) -> None:
+    prepare(bracket(), generator="templates", out=tmp_path)
+    told = Told()
+    model = prepare(bracket(), generator="learned", fast=True, regions=(3,), out=tmp_path, progress=told)
+    assert model.generator_names == ("learned", "templates")
+    assert told.stages == ["visibility network, region -y"]
+    model = prepare(bracket(), generator="both", fast=True, regions=(5,), out=tmp_path)
+    assert sorted(model.networks) == [3, 5]
+    told = Told()
+    prepare(bracket(), generator="both", fast=True, regions=(3, 5), out=tmp_path, progress=told)
+    assert told.stages == []
+
+
+def test_networks_trained_otherwise_are_no_part_of_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    prepare(bracket(), fast=True, regions=(0, 1), out=tmp_path)
+    other = TrainingConfig(views=30, held_out=5, epochs=1, batch=10, hidden=8)
+    monkeypatch.setattr(TrainingConfig, "fast", lambda: other)
+    model = prepare(bracket(), fast=True, regions=(1,), out=tmp_path)
+    assert sorted(model.networks) == [1]
+    assert sorted(PreparedPart.load(tmp_path / "bracket").networks) == [1]
+    assert "views=30" in header(tmp_path / "bracket")["generators"]["learned"]["training"]
+
+
+def test_the_edge_break_is_kept_until_another_is_given(tmp_path: Path) -> None:
+    prepare(bracket(), generator="templates", edge_break_mm=0.4, out=tmp_path)
+    assert prepare(bracket(), generator="templates", out=tmp_path).edge_break_mm == 0.4
+    assert prepare(bracket(), generator="templates", edge_break_mm=0.0, out=tmp_path).edge_break_mm == 0.0
+    assert PreparedPart.load(tmp_path / "bracket").edge_break_mm == 0.0
+
+
+def test_another_seed_or_no_resume_starts_anew(tmp_path: Path) -> None:
+    prepare(bracket(), fast=True, regions=(0,), out=tmp_path)
+    told = Told()
+    prepare(bracket(), fast=True, regions=(0,), seed=1, out=tmp_path, progress=told)
+    assert told.stages == ["view templates", "visibility network, region +x"]
+    told = Told()
+    model = prepare(bracket(), generator="templates", seed=1, out=tmp_path, resume=False, progress=told)
+    assert told.stages == ["view templates"]
+    assert model.generator_names == PreparedPart.load(tmp_path / "bracket").generator_names == ("templates",)
+
+
+# ---- what is refused -----------------------------------------------------------------------------------------
+
+
+def test_another_mesh_of_the_same_name_is_refused_unless_told(tmp_path: Path) -> None:
+    prepare(bracket(), generator="templates", out=tmp_path)
+    before = (tmp_path / "bracket" / "part.json").read_bytes()
+    other = Part.from_mesh(box().vertices, box().faces, "bracket")
+    with pytest.raises(PreparationError, match=r"bracket: holds a part prepared from another mesh .*--no-resume"):
+        prepare(other, generator="templates", out=tmp_path)
+    assert (tmp_path / "bracket" / "part.json").read_bytes() == before
+    prepare(other, generator="templates", out=tmp_path, resume=False)
+    assert PreparedPart.load(tmp_path / "bracket").part.sha256 == other.sha256
+
+
+def test_a_damaged_folder_is_refused_unless_told(tmp_path: Path) -> None:
+    prepare(bracket(), generator="templates", out=tmp_path)
+    (tmp_path / "bracket" / "edges.safetensors").write_bytes(b"")
+    with pytest.raises(PreparationError, match=r"damaged .*--no-resume"):
+        prepare(bracket(), generator="templates", out=tmp_path)
+    (tmp_path / "bracket" / "part.json").write_text("{")
+    with pytest.raises(PreparationError, match="cannot be read as a prepared part") as caught:
+        prepare(bracket(), generator="templates", out=tmp_path)
+    assert str(caught.value).count("--no-resume") == 1
+    assert prepare(bracket(), generator="templates", out=tmp_path, resume=False).templates is not None
+
+
+@pytest.mark.parametrize(
+    ("wish", "message"),
+    [
+        ({"generator": "magic"}, "--generator magic: choose one of templates, learned, both"),
+        ({"regions": ()}, "--regions"),
+        ({"regions": (6,)}, "--regions"),
+        ({"regions": (-1, 2)}, "--regions"),
+    ],
+    ids=str,
+)
+def test_unknown_wishes_are_refused(wish: dict, message: str, tmp_path: Path) -> None:  # type: ignore[type-arg]
+    with pytest.raises(PreparationError, match=message):
+        prepare(bracket(), out=tmp_path, **wish)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_flat_part_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PartError, match="one plane"):
+        prepare(sheet(), out=tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_templates_are_made_without_torch() -> None:
+    """It takes seconds to import, and templates are for those in a hurry."""
+    code = (
+        "import sys; from tests.made_parts import box; from acp_lab.preparation import prepare; "
+        "prepare(box(), generator='templates').best_generator(); assert 'torch' not in sys.modules"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr

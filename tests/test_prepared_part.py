@@ -1,0 +1,292 @@
+"""Prepared parts on disk: what goes in comes out, and whatever is wrong with a folder is told in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+
+from acp_lab.cad.edges import EdgeSamples, sample_edges
+from acp_lab.cad.models_info import Symmetries
+from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import make_caster
+from acp_lab.errors import PreparationError
+from acp_lab.generator.templates import build_templates
+from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
+from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, FORMAT_VERSION, PreparedPart, RegionReport
+from tests.made_parts import box, bracket, looking_at
+
+
+def network(edges: EdgeSamples, seed: int) -> RegionNetwork:
+    rng = np.random.default_rng(seed)
+    rows = np.arange(seed, len(edges), 2, dtype=np.int32)
+    shapes = ((16, 8), (16,), (16, 16), (16,), (len(rows), 16), (len(rows),))
+    return RegionNetwork(*(rng.standard_normal(shape).astype(np.float32) for shape in shapes), rows)
+
+
+def made(part: Part) -> PreparedPart:
+    edges = sample_edges(part, spacing_mm=3.0)
+    return PreparedPart(
+        part,
+        edges,
+        edge_break_mm=0.4,
+        seed=7,
+        templates=build_templates(part, edges, make_caster(part), subdivisions=1),
+        networks={0: network(edges, 0), 4: network(edges, 1)},
+        reports=(RegionReport(0, 0.9, 0.8, 0.1, 2.5), RegionReport(4, 0.95, 0.85, 0.05, 3.5)),
+        training="views=10, epochs=2",
+    )
+
+
+@pytest.fixture(scope="module")
+def model() -> PreparedPart:
+    quarter_turn = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]])
+    symmetries = Symmetries(quarter_turn[None], (((0.0, 0.0, 1.0), (1.0, 2.0, 3.0)),))
+    return made(replace(bracket(shift=(10.0, 0.1, -3.3)), symmetries=symmetries))
+
+
+@pytest.fixture
+def folder(model: PreparedPart, tmp_path: Path) -> Path:
+    model.save(tmp_path / "parts" / "bracket")
+    return tmp_path / "parts" / "bracket"
+
+
+# ---- the round trip ------------------------------------------------------------------------------------------
+
+
+def test_everything_comes_back(model: PreparedPart, folder: Path) -> None:
+    back = PreparedPart.load(folder)
+    part = model.part
+    assert (back.part.name, back.part.sha256, back.part.diameter) == (part.name, part.sha256, part.diameter)
+    for name in ("vertices", "faces", "box_min", "box_max"):
+        np.testing.assert_array_equal(getattr(back.part, name), getattr(part, name), err_msg=name)
+        assert getattr(back.part, name).dtype == getattr(part, name).dtype
+    np.testing.assert_array_equal(back.part.symmetries.discrete, part.symmetries.discrete)
+    assert back.part.symmetries.continuous == part.symmetries.continuous
+    for name in ("points_obj", "tangents_obj", "normals_obj", "crease", "convex"):
+        np.testing.assert_array_equal(getattr(back.edges, name), getattr(model.edges, name), err_msg=name)
+        assert getattr(back.edges, name).dtype == getattr(model.edges, name).dtype
+    assert back.edges.spacing_mm == model.edges.spacing_mm
+    assert (back.edge_break_mm, back.seed, back.training) == (0.4, 7, model.training)
+    assert back.reports == model.reports
+    assert back.generator_names == model.generator_names == ("learned", "templates")
+
+
+def test_templates_answer_the_same_after_loading(model: PreparedPart, folder: Path) -> None:
+    back = PreparedPart.load(folder)
+    assert model.templates is not None
+    assert back.templates is not None
+    np.testing.assert_array_equal(back.templates.packed, model.templates.packed)
+    for direction in ([1.0, 0.2, 0.3], [-0.5, 0.9, 0.1]):
+        pose = looking_at(model.part, np.array(direction), 300.0)
+        np.testing.assert_array_equal(
+            back.templates.visible(pose, 0, 500).ids, model.templates.visible(pose, 0, 500).ids
+        )
+
+
+def test_networks_come_back_in_half_precision(model: PreparedPart, folder: Path) -> None:
+    back = PreparedPart.load(folder)
+    assert set(back.networks) == {0, 4}
+    for region, network in model.networks.items():
+        for name, value in vars(network).items():
+            stored = getattr(back.networks[region], name)
+            assert stored.dtype == value.dtype
+            if name == "rows":
+                np.testing.assert_array_equal(stored, value)
+            else:
+                np.testing.assert_array_equal(stored, value.astype(np.float16).astype(np.float32))
+    # A second trip changes nothing more.
+    back.save(folder.parent / "again")
+    for name in ("visibility_0.safetensors", "visibility_4.safetensors"):
+        assert (folder / name).read_bytes() == (folder.parent / "again" / name).read_bytes()
+
+
+def test_half_precision_changes_next_to_no_answer(model: PreparedPart, folder: Path) -> None:
+    pose = looking_at(model.part, np.array([1.0, 0.2, 0.3]), 300.0)
+    before = model.best_generator().visible(pose, 0, 10**6)
+    after = PreparedPart.load(folder).best_generator().visible(pose, 0, 10**6)
+    assert len(set(before.ids) ^ set(after.ids)) <= 0.02 * len(before.ids) + 1
+
+
+def test_a_part_without_generators_comes_back_too(tmp_path: Path) -> None:
+    part = box()
+    PreparedPart(part, sample_edges(part)).save(tmp_path / "box")
+    back = PreparedPart.load(tmp_path / "box")
+    assert back.generator_names == ()
+    assert back.edge_break_mm == DEFAULT_EDGE_BREAK_MM
+    assert back.part.symmetries.discrete.shape == (0, 4, 4)
+    with pytest.raises(PreparationError, match=r"box: no generator is prepared; run: acp-lab prepare"):
+        back.best_generator()
+
+
+def test_the_best_generator_is_the_learned_one(model: PreparedPart) -> None:
+    best = model.best_generator()
+    assert isinstance(best, VisibilityNetwork)
+    assert replace(model, networks={}).best_generator() is model.templates
+
+
+def test_the_folder_holds_json_and_safetensors_only(folder: Path) -> None:
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "edges.safetensors",
+        "mesh.safetensors",
+        "part.json",
+        "templates.safetensors",
+        "visibility_0.safetensors",
+        "visibility_4.safetensors",
+    ]
+    header = json.loads((folder / "part.json").read_text())
+    assert header["version"] == FORMAT_VERSION
+    assert header["generators"]["learned"]["held_out_recall"] == pytest.approx(0.825)
+    assert header["box_min_mm"] == [10.0, 0.1, -3.3]
+
+
+def test_the_mesh_it_was_prepared_from_is_recognised(tmp_path: Path) -> None:
+    mesh = tmp_path / "wedge.ply"
+    mesh.write_bytes(ply(bracket()))
+    part = Part.from_file(mesh)
+    PreparedPart(part, sample_edges(part)).save(tmp_path / "parts" / "wedge")
+    assert PreparedPart.load(tmp_path / "parts" / "wedge", mesh).part.path == mesh
+    mesh.write_bytes(ply(box()))
+    with pytest.raises(PreparationError, match=r"another mesh than .*wedge\.ply; run: acp-lab prepare .*--no-resume"):
+        PreparedPart.load(tmp_path / "parts" / "wedge", mesh)
+    with pytest.raises(PreparationError, match=r"gone\.ply: the mesh cannot be read"):
+        PreparedPart.load(tmp_path / "parts" / "wedge", tmp_path / "gone.ply")
+
+
+def ply(part: Part) -> bytes:
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(part.vertices)}"]
+    lines += [f"property float {axis}" for axis in "xyz"]
+    lines += [f"element face {len(part.faces)}", "property list uchar int vertex_indices", "end_header"]
+    lines += [" ".join(f"{value:g}" for value in vertex) for vertex in part.vertices]
+    lines += [f"3 {a} {b} {c}" for a, b, c in part.faces]
+    return ("\n".join(lines) + "\n").encode()
+
+
+# ---- damage --------------------------------------------------------------------------------------------------
+
+
+def edit_header(change: Callable[[dict], None]) -> Callable[[Path], None]:  # type: ignore[type-arg]
+    def damage(folder: Path) -> None:
+        header = json.loads((folder / "part.json").read_text())
+        change(header)
+        (folder / "part.json").write_text(json.dumps(header))
+
+    return damage
+
+
+def edit_tensors(name: str, change: Callable[[dict[str, np.ndarray]], None]) -> Callable[[Path], None]:
+    def damage(folder: Path) -> None:
+        tensors = load_file(folder / name)
+        change(tensors)
+        save_file(tensors, folder / name)
+
+    return damage
+
+
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "no folder": lambda folder: folder.rename(folder.with_name("elsewhere")),
+    "no part.json": lambda folder: (folder / "part.json").unlink(),
+    "part.json is a folder": lambda folder: ((folder / "part.json").unlink(), (folder / "part.json").mkdir()),
+    "part.json is empty": lambda folder: (folder / "part.json").write_text(""),
+    "part.json is a list": lambda folder: (folder / "part.json").write_text("[1, 2]"),
+    "part.json is no text": lambda folder: (folder / "part.json").write_bytes(b"\xff\xfe\x00\x01"),
+    "another format": edit_header(lambda header: header.update(format="something else")),
+    "another version": edit_header(lambda header: header.update(version=FORMAT_VERSION + 1)),
+    "no mesh": edit_header(lambda header: header.pop("mesh")),
+    "no diameter": edit_header(lambda header: header.pop("diameter_mm")),
+    "a diameter that is no number": edit_header(lambda header: header.update(diameter_mm="wide")),
+    "generators are a list": edit_header(lambda header: header.update(generators=["learned"])),
+    "a report lacks a number": edit_header(lambda header: header["generators"]["learned"]["regions"][0].pop("recall")),
+    "a report names another region": edit_header(
+        lambda header: header["generators"]["learned"]["regions"][0].update(region=3)
+    ),
+    "no mesh file": lambda folder: (folder / "mesh.safetensors").unlink(),
+    "no edges file": lambda folder: (folder / "edges.safetensors").unlink(),
+    "no templates file": lambda folder: (folder / "templates.safetensors").unlink(),
+    "no network file": lambda folder: (folder / "visibility_4.safetensors").unlink(),
+    "a cut file": lambda folder: (folder / "edges.safetensors").write_bytes(
+        (folder / "edges.safetensors").read_bytes()[:-100]
+    ),
+    "an empty file": lambda folder: (folder / "templates.safetensors").write_bytes(b""),
+    "a file of something else": lambda folder: (folder / "mesh.safetensors").write_bytes(b"PK\x03\x04" * 50),
+    "edges lack an array": edit_tensors("edges.safetensors", lambda tensors: tensors.pop("crease")),
+    "a network lacks an array": edit_tensors("visibility_0.safetensors", lambda tensors: tensors.pop("bias2")),
+    "a network has one too many": edit_tensors(
+        "visibility_0.safetensors", lambda tensors: tensors.update(more=np.zeros(1))
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE.keys())
+def test_a_damaged_folder_is_told_in_one_line_with_the_mend(folder: Path, damage: Callable[[Path], object]) -> None:
+    damage(folder)
+    with pytest.raises(PreparationError) as caught:
+        PreparedPart.load(folder)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(str(folder))
+    assert f"run: acp-lab prepare MESH --out {folder.parent}" in message
+
+
+def test_a_folder_that_was_never_prepared_is_told_so(tmp_path: Path) -> None:
+    with pytest.raises(
+        PreparationError, match=r"bolt: this part is not prepared; run: acp-lab prepare bolt\.stl --out"
+    ):
+        PreparedPart.load(tmp_path / "bolt", Path("bolt.stl"))
+
+
+# ---- whole or not at all -------------------------------------------------------------------------------------
+
+
+def test_no_temporary_files_stay(folder: Path) -> None:
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")]
+
+
+def test_an_interrupted_first_save_leaves_no_part(
+    model: PreparedPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_at(monkeypatch, "visibility_4.safetensors")
+    with pytest.raises(KeyboardInterrupt):
+        model.save(tmp_path / "parts" / "bracket")
+    with pytest.raises(PreparationError, match="not prepared"):
+        PreparedPart.load(tmp_path / "parts" / "bracket")
+
+
+def test_an_interrupted_save_keeps_the_part_that_was_there(
+    model: PreparedPart, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_at(monkeypatch, "part.json")
+    more = replace(model, networks={**model.networks, 2: network(model.edges, 2)})
+    with pytest.raises(KeyboardInterrupt):
+        more.save(folder)
+    assert set(PreparedPart.load(folder).networks) == {0, 4}
+
+
+@pytest.mark.parametrize("name", ["mesh", "edges", "templates", "visibility_4"])
+def test_an_interrupted_save_of_another_mesh_never_mixes_the_two(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    fail_at(monkeypatch, f"{name}.safetensors")
+    with pytest.raises(KeyboardInterrupt):
+        made(box()).save(folder)
+    with pytest.raises(PreparationError):
+        PreparedPart.load(folder)
+
+
+def fail_at(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Ctrl-C while the file of that name is put in place."""
+    import os
+
+    really = os.replace
+
+    def replace_or_stop(source: Path, target: Path) -> None:
+        if Path(target).name == name:
+            raise KeyboardInterrupt
+        really(source, target)
+
+    monkeypatch.setattr(os, "replace", replace_or_stop)

@@ -1,0 +1,74 @@
+"""Constant velocity: exact on the motion it assumes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.tracking.motion import ConstantVelocity
+from acp_lab.tracking.optimiser import centre_position, move_pose
+from tests.geometry.geometry_strategies import directions
+from tests.made_parts import box, looking_at
+
+PART = box(shift=(500.0, -200.0, 100.0))
+START = looking_at(PART, np.array([1.0, 0.5, 0.2]), 250.0, 0.4)
+
+
+@given(turn=directions(), angle_rad=st.floats(0.0, 1.0), shift=directions(), length=st.floats(0.0, 50.0))
+def test_it_is_exact_on_constant_spin_about_the_centre(
+    turn: FloatArray, angle_rad: float, shift: FloatArray, length: float
+) -> None:
+    step = np.concatenate([angle_rad * turn, length * shift])
+    motion = ConstantVelocity(PART.box_centre)
+    motion.restart(START)
+    pose = START
+    for _ in range(4):
+        pose = move_pose(pose, PART.box_centre, step)
+        motion.observe(pose)
+    np.testing.assert_allclose(motion.predict(), move_pose(pose, PART.box_centre, step), atol=1e-7)
+
+
+def test_after_a_start_the_part_rests() -> None:
+    motion = ConstantVelocity(PART.box_centre)
+    motion.restart(START)
+    np.testing.assert_array_equal(motion.predict(), START)
+    motion.observe(move_pose(START, PART.box_centre, np.array([0.1, 0, 0, 1.0, 0, 0])))
+    assert not np.allclose(motion.predict(), START)
+    motion.restart(START)
+    np.testing.assert_array_equal(motion.predict(), START)
+    np.testing.assert_array_equal(motion.last, START)
+
+
+def test_a_prediction_is_nobodys_array() -> None:
+    motion = ConstantVelocity(PART.box_centre)
+    motion.restart(START.copy())
+    motion.predict()[:] = 0.0
+    np.testing.assert_array_equal(motion.last, START)
+
+
+def test_the_origin_of_the_object_frame_plays_no_part() -> None:
+    """A pure spin leaves the centre where it is, however far away the frame's origin swings."""
+    motion = ConstantVelocity(PART.box_centre)
+    motion.restart(START)
+    motion.observe(move_pose(START, PART.box_centre, np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])))
+    np.testing.assert_allclose(
+        centre_position(motion.predict(), PART.box_centre), centre_position(START, PART.box_centre), atol=1e-9
+    )
+
+
+def test_a_long_prediction_stays_a_pose() -> None:
+    motion = ConstantVelocity(PART.box_centre)
+    motion.restart(START)
+    motion.observe(move_pose(START, PART.box_centre, np.array([0.2, -0.3, 0.1, 0.5, 0.0, 1.0])))
+    for _ in range(300):
+        motion.observe(motion.predict())
+    turn = motion.last[:3, :3]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+
+
+def test_before_any_pose_there_is_nothing_to_predict() -> None:
+    with pytest.raises(ValueError, match="no pose observed yet"):
+        ConstantVelocity(PART.box_centre).predict()

@@ -1,0 +1,91 @@
+"""The state machine: hysteresis, patience, and when to search."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.quality import StateConfig, StateMachine
+
+CONFIG = StateConfig(weak_below=0.4, tracking_above=0.5, lost_below=0.2, found_above=0.3, patience=3)
+T, W, L = TrackState.TRACKING, TrackState.WEAK, TrackState.LOST
+
+
+def states(qualities: Iterable[float]) -> list[TrackState]:
+    machine = StateMachine(CONFIG)
+    found = []
+    for quality in qualities:
+        machine.update(quality)
+        found.append(machine.state)
+    return found
+
+
+def test_a_part_is_tracked_from_the_start() -> None:
+    assert StateMachine(CONFIG).state is T
+
+
+def test_weak_and_back_with_hysteresis() -> None:
+    assert states([0.6, 0.45, 0.39, 0.45, 0.5, 0.51, 0.45]) == [T, T, W, W, W, T, T]
+
+
+def test_lost_only_after_the_patience_is_spent() -> None:
+    assert states([0.1, 0.1, 0.3, 0.1, 0.1, 0.1, 0.1]) == [W, W, W, W, W, L, L]
+
+
+def test_found_again_with_hysteresis() -> None:
+    lost = [0.1] * 3
+    assert states([*lost, 0.25, 0.29, 0.35, 0.6])[3:] == [L, L, W, T]
+    assert states([*lost, 0.6])[3:] == [T]
+
+
+def test_the_reason_is_told_when_the_state_changes_and_only_then() -> None:
+    machine = StateMachine(CONFIG)
+    assert machine.update(0.6) == ""
+    assert machine.update(0.35) == "tracking -> weak: quality 0.35"
+    assert machine.update(0.35) == ""
+    assert [machine.update(0.0) for _ in range(3)] == ["", "", "weak -> lost: quality 0.00"]
+    assert machine.update(0.9) == "lost -> tracking: quality 0.90"
+
+
+@given(qualities=st.lists(st.floats(0.0, 1.0), max_size=40))
+def test_a_state_is_never_at_odds_with_its_quality(qualities: list[float]) -> None:
+    for quality, state in zip(qualities, states(qualities), strict=True):
+        assert state is not T or quality >= CONFIG.weak_below
+        assert state is not L or quality <= CONFIG.found_above
+        assert state is T or quality <= CONFIG.tracking_above
+
+
+def test_searches_grow_rarer_while_the_part_stays_lost() -> None:
+    machine = StateMachine(CONFIG)
+    searched = []
+    for frame in range(1, 40):
+        if machine.is_time_to_search():
+            searched.append(frame)
+        machine.update(0.0)
+    # Lost after the third frame, so the fourth is the first lost one.
+    assert searched == [3 + n for n in (1, 2, 4, 8, 16, 32)]
+
+
+@pytest.mark.parametrize("quality", [0.9, 0.35])
+def test_no_search_unless_lost(quality: float) -> None:
+    machine = StateMachine(CONFIG)
+    for _ in range(5):
+        assert not machine.is_time_to_search()
+        machine.update(quality)
+
+
+def test_a_lost_part_that_fits_a_little_is_searched_too() -> None:
+    """A wrong pose that hovers between lost and found must not keep the search away for ever."""
+    machine = StateMachine(CONFIG)
+    for _ in range(3):
+        machine.update(0.0)
+    searched = 0
+    for _ in range(16):
+        searched += machine.is_time_to_search()
+        machine.update(0.25)
+    assert machine.state is L
+    assert searched >= 4
