@@ -3,12 +3,18 @@
 #   PYTHON    the Python (3.11 or newer) that makes the environment      make demo PYTHON=python3.12
 #   VENV      where the environment lives                                make test VENV=~/venvs/acp_lab
 #   PIP_ARGS  extra arguments of every pip install, e.g. another index   make demo PIP_ARGS="--extra-index-url ..."
-#   OUT       where the demo writes                                      make demo OUT=/tmp/demo
+#   OUT       where the demo writes                                      make demo OUT=~/demo
+#   DATASETS  what to measure on                                         make bench DATASETS="path/to/bop other/set"
 
 PYTHON   ?= python3
 VENV     ?= .venv
 PIP_ARGS ?=
 OUT      ?= acp_lab_demo
+DATASETS ?= acp_lab/sample/data
+
+# The networks here are so small that more threads only wait for each other (environment.md, Threads).
+OMP_NUM_THREADS ?= 1
+export OMP_NUM_THREADS
 
 BIN := $(VENV)/bin
 # Stamps: pip runs again only when pyproject.toml is newer than the last install, so that everything works offline.
@@ -47,9 +53,8 @@ wheel: $(DEV_STAMP) ## build dist/acp_lab-*.whl, sample included
 	rm -rf build
 	"$(BIN)/python" -m build --wheel --outdir dist .
 
-bench: $(DEV_STAMP) ## accuracy and speed, side by side (benchmarks/)
-	@if [ -f benchmarks/run.py ]; then "$(BIN)/python" benchmarks/run.py; \
-	else echo "benchmarks/run.py is not there yet: make demo prints the numbers of the sample"; fi
+bench: $(DEV_STAMP) ## accuracy and speed on DATASETS (default: the sample), see benchmarks/
+	"$(BIN)/python" -m benchmarks.tracking $(DATASETS) --parts "$(OUT)/bench_parts"
 
 install: $(RUN_STAMP) ## make the environment, to use acp_lab
 

@@ -86,7 +86,7 @@ def prepare(
         typer.Option(min=0, help="Size of the part's broken edges in mm, when known.", metavar="MM"),
     ] = None,
     seed: Seed = 0,
-    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads; all cores by default.", metavar="N")] = None,
+    threads: Annotated[int, typer.Option(min=1, help="CPU threads; more rarely pay.", metavar="N")] = 1,
     resume: Annotated[
         bool,
         typer.Option("--resume/--no-resume", help="Go on with what is there, or replace it."),

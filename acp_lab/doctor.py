@@ -65,7 +65,6 @@ def checks() -> Iterator[Check]:
     yield from check_packages()
     for check in (
         check_ray_casting,
-        check_threads,
         check_sample,
         check_writing,
         check_viewer,
@@ -89,7 +88,9 @@ def print_report() -> int:
 
 def check_python() -> Check:
     """Python and the processor; pip refuses Pythons that are too old."""
-    what = f"Python {platform.python_version()} on {platform.platform()}, {machine.cpu_model()}"
+    what = (
+        f"Python {platform.python_version()} on {platform.platform()}, {machine.cores()} cores of {machine.cpu_model()}"
+    )
     return Check(Verdict.OK, what)
 
 
@@ -148,17 +149,6 @@ def check_ray_casting() -> Check:
     if abs(distance[0] - 1.0 / 3.0) > 1e-5:
         return Check(Verdict.BROKEN, f"Embree hits at {distance[0]:g}, not 1/3", f"{_PIP} --force-reinstall embreex")
     return Check(Verdict.OK, "ray casting with Embree")
-
-
-def check_threads() -> Check:
-    """How many threads training will use."""
-    import torch
-
-    threads, cores = torch.get_num_threads(), machine.cores()
-    what = f"torch {torch.__version__} trains on {threads} threads of {cores} cores"
-    if threads < cores // 2:
-        return Check(Verdict.ABSENT, what, "unset OMP_NUM_THREADS, or give prepare --threads N")
-    return Check(Verdict.OK, what)
 
 
 def check_sample() -> Check:

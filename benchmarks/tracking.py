@@ -6,26 +6,19 @@ Example: python -m benchmarks.tracking path/to/dataset --parts out/parts --noise
 
 from __future__ import annotations
 
-import os
-
-# Before NumPy is imported: its BLAS reads the number of threads once.
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
-
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-
-import cv2
-import numpy as np
+from statistics import mean, median
+from typing import TYPE_CHECKING
 
 from acp_lab.commands import machine
-from acp_lab.evaluation import evaluate
-from acp_lab.geometry.pose import disturb_pose
-from acp_lab.prepared_part import PreparedPart
-from acp_lab.preparation import prepare
-from acp_lab.sequences.bop import BopDataset, BopScene
-from acp_lab.tracking.tracker import Tracker
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences.bop import BopDataset, BopScene
 
 NOISE_DEG, NOISE_MM = 5.0, 5.0
 
@@ -35,7 +28,6 @@ class Row:
     """One scene's scores: recalls in [0, 1], medians, ms per frame; lost: ADD ever above 30% of the diameter."""
 
     name: str
-    kind: str
     size: str
     recall_2: float
     recall_5: float
@@ -47,28 +39,22 @@ class Row:
 
 def track_scene(dataset: BopDataset, scene: BopScene, model: PreparedPart, object_id: int, start: np.ndarray) -> Row:
     """Track one object of one scene from a start pose (4, 4) and score it."""
+    from acp_lab.evaluation import evaluate
+    from acp_lab.tracking.tracker import Tracker
+
     run = Tracker(model).run(scene, start)
-    scores = evaluate(run, scene).objects[0].scores
-    results = run.results[object_id][1:]
-    errors = []
-    for result in results:
-        truth = scene.truth(result.frame_id, object_id)
-        if truth is not None:
-            points = model.part.vertices
-            moved = points @ (result.cam_T_obj[:3, :3] - truth[:3, :3]).T + result.cam_T_obj[:3, 3] - truth[:3, 3]
-            errors.append(float(np.linalg.norm(moved, axis=1).mean()) / model.part.diameter)
-    frame = next(iter(scene.frames(1)))
-    size = "" if frame.camera is None else f"{frame.camera.width}x{frame.camera.height}"
+    scored = evaluate(run, scene).objects[0]
+    scores = scored.scores
+    camera = scene.camera(scene.frame_ids[0])
     return Row(
-        f"{dataset.name}/{scene.scene_id}",
-        "",
-        size,
-        scores.recall_2,
-        scores.recall_5,
-        scores.recall_10,
-        100.0 * float(np.median(errors)),
-        1e3 * float(np.median([result.timings.total_s for result in results])),
-        max(errors) > 0.3,
+        name=f"{dataset.name}/{scene.scene_id}",
+        size=f"{camera.width}x{camera.height}",
+        recall_2=scores.recall_2,
+        recall_5=scores.recall_5,
+        recall_10=scores.recall_10,
+        add_percent=100.0 * median(map(float, scored.errors.distance)),
+        ms=1e3 * scores.time_s_median,
+        lost=scores.frames_until_lost < scores.frames,
     )
 
 
@@ -82,11 +68,15 @@ def print_table(title: str, rows: list[Row]) -> None:
             f"| {row.name} | {row.size} | {row.recall_2:.2f} | {row.recall_5:.2f} | {row.recall_10:.2f} | "
             f"{row.add_percent:.2f} | {'yes' if row.lost else 'no'} | {row.ms:.1f} |"
         )
-    mean = [float(np.mean([getattr(row, key) for row in rows])) for key in ("recall_2", "recall_5", "recall_10")]
     print(
-        f"| mean of {len(rows)} | | {mean[0]:.2f} | {mean[1]:.2f} | {mean[2]:.2f} | "
-        f"{np.mean([row.add_percent for row in rows]):.2f} | {sum(row.lost for row in rows)} | "
-        f"{np.median([row.ms for row in rows]):.1f} |"
+        f"| mean of {len(rows)} | | {_recalls(rows, ' | ')} | {mean(row.add_percent for row in rows):.2f} | "
+        f"{sum(row.lost for row in rows)} | {median(row.ms for row in rows):.1f} |"
+    )
+
+
+def _recalls(rows: list[Row], separator: str) -> str:
+    return separator.join(
+        f"{mean(getattr(row, key) for row in rows):.2f}" for key in ("recall_2", "recall_5", "recall_10")
     )
 
 
@@ -98,8 +88,15 @@ def main() -> None:
     parser.add_argument("--generator", default="both", choices=("templates", "both"))
     parser.add_argument("--noise-seeds", type=int, default=0, help="further runs from starts 5 deg and 5 mm off")
     options = parser.parse_args()
-    cv2.setNumThreads(1)
-    print(f"CPU: {machine.machine()}; one thread")
+    # Before NumPy is imported: its linear algebra reads the number of threads once.
+    machine.limit_threads(1)
+    import numpy as np
+
+    from acp_lab.geometry.pose import disturb_pose
+    from acp_lab.preparation import prepare
+    from acp_lab.sequences.bop import BopDataset
+
+    print(f"CPU: {machine.cpu_model()}; one thread")
     for root in options.datasets:
         dataset = BopDataset(root)
         exact: list[Row] = []
@@ -120,8 +117,7 @@ def main() -> None:
             lost = sum(row.lost for row in runs)
             print(
                 f"\nStarted {NOISE_DEG:g} degrees and {NOISE_MM:g} mm off, seeds 0-{options.noise_seeds - 1}: "
-                f"{len(runs) - lost} of {len(runs)} runs never lost; mean @2% {np.mean([r.recall_2 for r in runs]):.2f}, "
-                f"@5% {np.mean([r.recall_5 for r in runs]):.2f}, @10% {np.mean([r.recall_10 for r in runs]):.2f}."
+                f"{len(runs) - lost} of {len(runs)} runs never lost; mean @2/5/10% {_recalls(runs, ' / ')}."
             )
     print(f"\nPeak memory of this process: {machine.peak_memory_mb():.0f} MB")
 

@@ -11,7 +11,6 @@ import cv2
 import pytest
 
 from acp_lab.cli import main
-from acp_lab.commands.machine import cores
 
 
 @dataclass(frozen=True)
@@ -26,16 +25,17 @@ class Outcome:
 def run(capsys: pytest.CaptureFixture[str], *words: str | Path) -> Outcome:
     """One `acp-lab` command; the thread limits that it sets are undone."""
     capsys.readouterr()
-    variables, threads = dict(os.environ), cv2.getNumThreads()
+    variables, cv2_threads = dict(os.environ), cv2.getNumThreads()
+    torch = sys.modules.get("torch")
+    torch_threads = torch.get_num_threads() if torch else None
     try:
         status = main([str(word) for word in words])
     finally:
         os.environ.clear()
         os.environ.update(variables)
-        cv2.setNumThreads(threads)
-        torch = sys.modules.get("torch")
-        if torch is not None:
-            torch.set_num_threads(cores())
+        cv2.setNumThreads(cv2_threads)
+        if torch and torch_threads:
+            torch.set_num_threads(torch_threads)
     printed = capsys.readouterr()
     return Outcome(status, printed.out, printed.err)
 

@@ -19,10 +19,14 @@ def box(size: tuple[float, float, float] = (40.0, 30.0, 20.0), shift: tuple[floa
     return Part.from_mesh(np.asarray(mesh.vertices) + shift, np.asarray(mesh.faces), "box")
 
 
-def bracket(shift: tuple[float, float, float] = (0, 0, 0)) -> Part:
-    """An L of 60 x 40 x 30: eighteen creases, one of them concave; from many sides its arms hide each other."""
-    vertices, faces = extruded(np.array(L_PROFILE), 30.0)
-    return Part.from_mesh(vertices + shift, faces, "bracket")
+def bracket(shift: tuple[float, float, float] = (0, 0, 0), inset_mm: float = 0.0) -> Part:
+    """An L of 60 x 40 x 30: eighteen creases, one of them concave; from many sides its arms hide each other.
+
+    With every face `inset_mm` further in, as the outlines of a part with broken edges look.
+    """
+    profile = np.array(L_PROFILE)
+    vertices, faces = extruded(np.where(profile == 0.0, inset_mm, profile - inset_mm), 30.0 - 2.0 * inset_mm)
+    return Part.from_mesh(vertices + np.array([0.0, 0.0, inset_mm]) + shift, faces, "bracket")
 
 
 def cylinder(radius: float = 15.0, height: float = 40.0, sections: int = 96) -> Part:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,10 +25,9 @@ def run_demo(out: Path) -> None:
     """Prepare the sample part, track the sample sequence; print what came of it and write it to `out`."""
     if out.exists() and not out.is_dir():
         raise InputFileError(f"{out}: is a file: --out needs a folder")
-    # Training may use all cores, but tracking is timed on one thread, linear algebra included.
-    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    from acp_lab.commands.machine import cpu_model
+    from acp_lab.commands.machine import cpu_model, limit_threads
+
+    limit_threads(1)  # before anything imports NumPy
     from acp_lab.commands.prepare import PrepareOptions, prepare_parts
     from acp_lab.commands.track import TrackOptions, scene_jobs
     from acp_lab.commands.track_run import run_jobs
@@ -41,7 +38,6 @@ def run_demo(out: Path) -> None:
     meshes = tuple(scene.dataset.part_path(object_id) for object_id in scene.object_ids)
     print(f"Preparing {len(meshes)} part{'s'[: len(meshes) > 1]} (trained once, then kept) ...", flush=True)
     prepare_parts(PrepareOptions(meshes, out / "parts"))
-    _track_on_one_thread()
     options = TrackOptions(
         parts=out / "parts", out=out / "results.csv", dataset=scene.dataset.root, replay=out / "replay.rrd"
     )
@@ -55,15 +51,6 @@ def run_demo(out: Path) -> None:
     print(f"{options.out}: poses in the BOP format; results.run.json beside it tells how they came about")
     print(f"{options.replay}: the replay; look at it with acp-lab replay {options.replay}")
     print(f"{picture.path}: one picture of the run")
-
-
-def _track_on_one_thread() -> None:
-    import cv2
-
-    cv2.setNumThreads(1)
-    torch = sys.modules.get("torch")
-    if torch is not None:
-        torch.set_num_threads(1)
 
 
 def _spread(frame_ids: tuple[int, ...], count: int) -> list[int]:

@@ -34,13 +34,11 @@ _THREAD_VARIABLES = (
 )
 
 
-def limit_threads(count: int | None) -> None:
-    """Let numerical libraries use `count` threads; None leaves their defaults, as many as there are cores.
+def limit_threads(count: int) -> None:
+    """Let numerical libraries use `count` threads.
 
     The linear algebra under NumPy reads its limit when NumPy is first imported, so call this before that.
     """
-    if count is None:
-        return
     for name in _THREAD_VARIABLES:
         os.environ[name] = str(count)
     import cv2

@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PrepareOptions:
-    """What the command line asked for; lengths mm, regions None for all six."""
+    """What the command line asked for; lengths mm, regions None for all six.
+
+    One thread is the default: the networks are so small that threads wait for each other longer than they work
+    (on a busy machine of two cores, two threads took seven times as long as one), and the numbers are the same
+    on every machine.
+    """
 
     meshes: tuple[Path, ...]
     out: Path
@@ -28,7 +33,7 @@ class PrepareOptions:
     regions: tuple[int, ...] | None = None
     edge_break_mm: float | None = None
     seed: int = 0
-    threads: int | None = None
+    threads: int = 1
     resume: bool = True
 
     def __post_init__(self) -> None:

@@ -71,7 +71,7 @@ def network_inputs(part: Part, eye_obj: np.ndarray, region: int, points_obj: np.
 
 
 class VisibilityNetwork:
-    """t(I) by one small network per view region; regions without one fall back to `fallback`.
+    """t(I) by one small network per view region; regions without one, and eyes too near, fall back to `fallback`.
 
     Attributes:
         edges: the part's 3D edge samples.
@@ -95,10 +95,12 @@ class VisibilityNetwork:
 
     def visible(self, cam_T_obj: np.ndarray, region: int, count: int) -> VisibleSamples:
         """At most `count` samples that show at a pose (4, 4), with the network's belief as weight."""
-        network = self.networks.get(region)
+        eye_obj = eye_position(cam_T_obj)
+        # Inside the bounding sphere of a long part there is no canonical frame, but still much to see.
+        is_near = np.linalg.norm(eye_obj - self._part.box_centre) <= self._part.radius
+        network = None if is_near else self.networks.get(region)
         if network is None and self._fallback is not None:
             return self._fallback.visible(cam_T_obj, region, count)
-        eye_obj = eye_position(cam_T_obj)
         seen = facing(self.edges, eye_obj)
         if network is None:
             rows = np.flatnonzero(seen.shows)[:count]

@@ -275,7 +275,8 @@ class Aligner:
         assert observation is not None, "at least one level is needed"
         alignment = self.judge(observation, camera, pose, iterations)
         clock.solve_s += clock.lap()
-        return alignment
+        # Not finite where the last step put some samples behind the camera.
+        return alignment if np.isfinite(alignment.loss) else None
 
     def judge(self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray, iterations: int = 0) -> Alignment:
         """How well the candidates of an observation fit a pose (4, 4) near the one it was made at."""
@@ -312,4 +313,6 @@ class Aligner:
         control = 0.5 * observation.control_jacobian
         step = gauss_newton_step(observation.jacobian, assigned.residuals, weights, control, self.solver.damping)
         moved = move_pose(pose, self.part.box_centre, step)
-        return moved if np.isfinite(moved).all() and moved[2, 3] > 0 else None
+        # The part's centre: the origin of a CAD file may lie anywhere, also behind the camera.
+        in_front = centre_position(moved, self.part.box_centre)[2] > 0.0
+        return moved if np.isfinite(moved).all() and in_front else None

@@ -7,7 +7,8 @@ overlay looks perfect. So every edge sample carries an expected offset in mm:
 * as a prior, outlines lie inside by a share of the edge break;
 * where the start pose can be trusted, the offsets of all samples in the first frame are measured, and
   neighbours that were not seen take the mean of their cell of space;
-* inner creases get a wide spread: reflections shift them from frame to frame, outlines stay.
+* inner creases are moved about by reflections on some parts and are the steadiest of all on others;
+  their spread follows how much they scatter, frame by frame.
 
 The spread becomes a weight in the solver: samples with a well-known offset decide the depth.
 (Not in the paper, which takes CAD edges as they are; see docs/paper-ledger.md.)
@@ -24,6 +25,9 @@ from acp_lab.cad.edges import EdgeSamples
 # Share of the edge break by which outlines lie inside, measured on path-traced milled parts.
 OUTLINE_SHARE_OF_BREAK = 0.6
 
+# A handful of samples has no scatter to speak of.
+MIN_FOR_SCATTER = 30
+
 
 @dataclass(frozen=True)
 class OffsetConfig:
@@ -34,7 +38,11 @@ class OffsetConfig:
         known_spread: of an outline sample measured in the first frame.
         cell_spread: of an outline sample whose neighbours were measured.
         unknown_spread: of an outline sample nothing near which was measured.
-        inner_spread: of creases that are no outline.
+        inner_spread: of creases that are no outline, when they scatter by `inner_scatter_px`.
+        inner_power, inner_limits: the spread grows with that power of the scatter, within limits.
+        inner_scatter_px: median absolute residual of steady inner creases.
+        initial_scatter_px: what is assumed before any was seen.
+        scatter_rate: share of a new frame in the running scatter.
         cell_in_diameters: side of the cells that share what was measured.
         sample_inertia, cell_inertia, class_inertia: weights, in numbers of measurements, of the coarser
             estimate (cell, all outlines, prior) beside the finer one.
@@ -42,10 +50,15 @@ class OffsetConfig:
     """
 
     edge_spread_px: float = 0.3
-    known_spread: float = 0.08
-    cell_spread: float = 0.3
+    known_spread: float = 0.25
+    cell_spread: float = 0.375
     unknown_spread: float = 0.6
-    inner_spread: float = 0.6
+    inner_spread: float = 0.3
+    inner_power: float = 4.0
+    inner_limits: tuple[float, float] = (0.15, 1.0)
+    inner_scatter_px: float = 0.3
+    initial_scatter_px: float = 0.36
+    scatter_rate: float = 0.1
     cell_in_diameters: float = 0.08
     sample_inertia: float = 2.0
     cell_inertia: float = 4.0
@@ -89,6 +102,14 @@ class ContourOffsets:
         # Column 0: as an inner crease, column 1: as an outline.
         self._sample_count, self._sample_sum = np.zeros((count, 2)), np.zeros((count, 2))
         self._cell_count, self._cell_sum = np.zeros(cells), np.zeros(cells)
+        self._inner_scatter_px = self.config.initial_scatter_px
+
+    @property
+    def inner_spread_mm(self) -> float:
+        """Spread of inner creases at present."""
+        config = self.config
+        ratio = self._inner_scatter_px / config.inner_scatter_px
+        return float(np.clip(config.inner_spread * ratio**config.inner_power, *config.inner_limits))
 
     def expect(self, ids: np.ndarray, outline: np.ndarray, directions_obj: np.ndarray) -> ExpectedOffsets:
         """Offsets of visible samples.
@@ -120,9 +141,24 @@ class ContourOffsets:
             config.known_spread,
             np.where(self._cell_count[cell] > 2, config.cell_spread, config.unknown_spread),
         )
-        spread_px = np.where(outline, outline_spread, config.inner_spread) * scale
+        spread_px = np.where(outline, outline_spread, self.inner_spread_mm) * scale
         weights = config.edge_spread_px**2 / (config.edge_spread_px**2 + spread_px**2)
         return ExpectedOffsets(offsets_mm * px_per_mm, weights, offsets_mm, px_per_mm)
+
+    def observe_scatter(
+        self, ids: np.ndarray, outline: np.ndarray, residuals_px: np.ndarray, jacobian: np.ndarray
+    ) -> None:
+        """Take in how inner creases scatter in a solved frame.
+
+        Args:
+            residuals_px: (n,) px, NaN where no image edge was found.
+            jacobian: (n, 6) of the motion along the normals by a pose step. The creases are fitted by a step of
+                their own first: where outlines decide the pose, its error is no scatter of the creases.
+        """
+        rows = np.flatnonzero(np.isfinite(residuals_px) & ~outline & (self._sample_count[ids, 0] > 0))
+        if len(rows) >= MIN_FOR_SCATTER:
+            seen = max(_scatter_after_fit(residuals_px[rows], jacobian[rows]), 0.05)
+            self._inner_scatter_px += self.config.scatter_rate * (seen - self._inner_scatter_px)
 
     def learn(self, ids: np.ndarray, outline: np.ndarray, expected: ExpectedOffsets, residuals_px: np.ndarray) -> None:
         """Take in what a trusted pose shows.
@@ -140,3 +176,18 @@ class ContourOffsets:
         cells = self._cell_of[ids[rows[shared]]]
         np.add.at(self._cell_count, cells, 1.0)
         np.add.at(self._cell_sum, cells, measured[shared])
+
+
+def _scatter_after_fit(residuals_px: np.ndarray, jacobian: np.ndarray) -> float:
+    """Median absolute residual that is left after a robust fit of one pose step."""
+    rest = residuals_px
+    # Columns in rad and mm are brought to one scale, for a ridge that touches only what cannot be seen.
+    scaled = jacobian / np.maximum(np.sqrt((jacobian**2).mean(0)), 1e-9)
+    step = np.zeros(6)
+    for _ in range(3):
+        weights = 1.0 / (1.0 + (rest / 0.5) ** 2) ** 2
+        weighted = scaled * weights[:, None]
+        hessian = weighted.T @ scaled + 1e-3 * weights.sum() * np.eye(6)
+        step = step + np.linalg.solve(hessian, weighted.T @ rest)
+        rest = residuals_px - scaled @ step
+    return float(np.median(np.abs(rest)))

@@ -89,12 +89,15 @@ def search_along_normals(
     """The strongest image edges within `reach_px` of each point along its normal.
 
     Args:
-        points: (n, 2) px, full image.
+        points: (n, 2) px, full image; at most 32766, the rows that cv2.remap takes.
         normals: (n, 2) unit.
 
     Returns:
         Candidates with m = `config.max_candidates`.
     """
+    if len(points) == 0:  # cv2.remap refuses empty maps
+        none = np.zeros((0, config.max_candidates))
+        return Candidates(none, none, none, none, none)
     steps = np.arange(-reach_px - FLANK_PX, reach_px + FLANK_PX + 1, dtype=np.float32)
     start = (points - patch.origin).astype(np.float32)
     direction = normals.astype(np.float32)

@@ -31,11 +31,11 @@ class StateMachine:
         self.config = config
         self.state = TrackState.TRACKING
         self._low = 0
+        self._lost = 0
 
     def is_time_to_search(self) -> bool:
         """While lost: in the 1st, 2nd, 4th, 8th ... lost frame; a wide search takes as long as many frames."""
-        lost_frames = self._low - self.config.patience + 1
-        return self.state is TrackState.LOST and lost_frames & (lost_frames - 1) == 0
+        return self._lost > 0 and self._lost & (self._lost - 1) == 0
 
     def update(self, quality: float) -> str:
         """Take in a frame's quality; returns the reason when the state changed, else an empty string."""
@@ -50,4 +50,5 @@ class StateMachine:
             self.state = TrackState.WEAK
         elif quality > config.tracking_above:
             self.state = TrackState.TRACKING
+        self._lost = self._lost + 1 if self.state is TrackState.LOST else 0
         return "" if self.state is before else f"{before} -> {self.state}: quality {quality:.2f}"

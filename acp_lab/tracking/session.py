@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -95,7 +96,10 @@ def track_sequence(
     results: dict[int, list[TrackResult]] = {object_id: [] for object_id in trackers}
     tracked = tuple(TrackedObject(object_id, tracker.part) for object_id, tracker in trackers.items())
     info = SessionInfo(sequence.name, sequence.scene_id, method, tracked, sequence.truth)
-    try:
+    with ExitStack() as at_the_end:
+        # Also after Ctrl-C, and each whatever the others do: files are closed and keep what was tracked.
+        for observer in reversed(listening):
+            at_the_end.callback(observer.on_end)
         for observer in listening:
             observer.on_start(info)
         for number, frame in enumerate(sequence.frames(max_frames)):
@@ -110,10 +114,6 @@ def track_sequence(
                 results[object_id].append(of_frame[object_id])
             for observer in listening:
                 observer.on_frame(frame, of_frame)
-    finally:
-        # Also after Ctrl-C: files are closed and keep what was tracked.
-        for observer in listening:
-            observer.on_end()
     if not any(results.values()):
         raise SequenceError(f"{sequence.name}: there is no frame to track")
     return TrackRun(sequence.name, sequence.scene_id, method, {k: tuple(v) for k, v in results.items()})

@@ -222,6 +222,7 @@ class Tracker:
         seen = alignment.observation
         residuals = alignment.residuals_px()
         self.memory.learn(seen.visible.ids, seen.candidates, alignment.best, np.nan_to_num(residuals, nan=np.inf))
+        self.offsets.observe_scatter(seen.visible.ids, seen.visible.outline, residuals, seen.jacobian)
         self.reliability.learn(seen.visible.ids, seen.visible.outline, residuals)
         clock.learn_s += clock.lap()
 

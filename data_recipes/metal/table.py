@@ -81,7 +81,12 @@ def _print(rng: np.random.Generator, size: int, texel: float) -> np.ndarray:
         _text(rng, image, corners, texel)
     corners = np.array([[0.04, 0.04], [0.96, 0.04], [0.96, 0.96], [0.04, 0.96]]) * size
     _text(rng, image, corners.astype(np.float32), texel, share=0.35)
-    return image
+    return _soft(image)
+
+
+def _soft(image: np.ndarray) -> np.ndarray:
+    """Takes the stairs off drawn lines: OpenCV draws smooth ones in 8 bits only."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7))
 
 
 def _text(rng: np.random.Generator, image: np.ndarray, corners: np.ndarray, texel: float, share: float = 0.8) -> None:
@@ -119,7 +124,7 @@ def _grid(rng: np.random.Generator, size: int, texel: float) -> np.ndarray:
             for a, b in ((u, v), (v, u)):
                 p, q = middle + offset * a - size * b, middle + offset * a + size * b
                 cv2.line(image, tuple(np.rint(p).astype(int)), tuple(np.rint(q).astype(int)), shade, thick, cv2.LINE_AA)
-    return image
+    return _soft(image)
 
 
 def _speckle(rng: np.random.Generator, size: int, texel: float) -> np.ndarray:

@@ -1,0 +1,200 @@
+"""Offsets of image edges from the CAD's edges: the prior, what is learnt, and which way is out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.edges import EdgeSamples, facing, sample_edges
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.generator.base import image_tangents
+from acp_lab.geometry.arrays import BoolArray, FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
+from acp_lab.tracking.contour_offsets import OUTLINE_SHARE_OF_BREAK, ContourOffsets, ExpectedOffsets, OffsetConfig
+from acp_lab.tracking.optimiser import image_directions
+from tests.made_parts import box, bracket, looking_at
+
+CAMERA = Camera(width=640, height=512, fx=900.0, fy=900.0, cx=319.5, cy=255.5)
+CONFIG = OffsetConfig()
+PART = box()
+EDGES = sample_edges(PART)
+POSE = looking_at(PART, np.array([1.0, 0.7, 0.5]), 250.0, 0.3)
+
+
+def seen_at(edges: EdgeSamples, pose: FloatArray) -> tuple[np.ndarray, BoolArray, FloatArray, FloatArray]:
+    """Ids, outline, image normals and directions (object frame) of what faces the camera."""
+    seen = facing(edges, eye_position(pose))
+    ids = np.flatnonzero(seen.shows)
+    points_cam = transform(pose, edges.points_obj[ids])
+    tangents = image_tangents(points_cam, edges.tangents_obj[ids] @ pose[:3, :3].T, CAMERA)
+    normals = np.stack([-tangents[:, 1], tangents[:, 0]], 1)
+    return ids, seen.outline[ids], normals, image_directions(points_cam, normals, CAMERA) @ pose[:3, :3]
+
+
+def fresh(edge_break_mm: float = 0.25, edges: EdgeSamples = EDGES, diameter: float = PART.diameter) -> ContourOffsets:
+    return ContourOffsets(edges, diameter, edge_break_mm, CONFIG)
+
+
+def residuals_for(expected: ExpectedOffsets, offset_mm: float) -> FloatArray:
+    """What is still to go, px, when every edge lies `offset_mm` outward."""
+    return (offset_mm - expected.offsets_mm) * expected.px_per_mm
+
+
+# ---- which way is out ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("way", [(1.0, 0.7, 0.5), (-0.6, 1.0, -0.3), (0.2, 0.1, 1.0), (1.0, -1.0, -1.0)], ids=str)
+@pytest.mark.parametrize("made", [box, bracket], ids=["box", "bracket"])
+def test_outward_leads_off_the_part(way: tuple[float, float, float], made) -> None:  # type: ignore[no-untyped-def]
+    """An outline sample moved outward is farther from the image of the part's material next to it."""
+    part = made()
+    edges = sample_edges(part)
+    pose = looking_at(part, np.array(way), 300.0, 0.7)
+    ids, outline, normals, directions = seen_at(edges, pose)
+    expected = fresh(0.25, edges, part.diameter).expect(ids, outline, directions)
+    sign = np.sign(expected.px_per_mm)
+    assert (sign[~outline] == 1.0).all()
+    # A step into the metal, along the mean of the two inward normals, must run against "outward".
+    inward = -edges.normals_obj[ids].sum(1)
+    points = CAMERA.project(transform(pose, edges.points_obj[ids]))
+    inside = CAMERA.project(transform(pose, edges.points_obj[ids] + 0.01 * inward))
+    along = ((inside - points) * normals).sum(1)
+    assert (sign[outline] == -np.sign(along[outline])).all()
+
+
+def test_scale_is_pixels_per_millimetre_across_the_edge() -> None:
+    ids, outline, normals, directions = seen_at(EDGES, POSE)
+    expected = fresh().expect(ids, outline, directions)
+    # Move each point by 0.1 mm along the steepest direction; the image moves by as much as is said.
+    steepest = directions / np.linalg.norm(directions, axis=1)[:, None]
+    points = CAMERA.project(transform(POSE, EDGES.points_obj[ids]))
+    moved = CAMERA.project(transform(POSE, EDGES.points_obj[ids] + 0.1 * steepest))
+    np.testing.assert_allclose(((moved - points) * normals).sum(1) / 0.1, np.abs(expected.px_per_mm), rtol=2e-3)
+
+
+# ---- the prior -----------------------------------------------------------------------------------------------
+
+
+def test_outlines_are_expected_inside_by_a_share_of_the_edge_break() -> None:
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    expected = fresh(0.4).expect(ids, outline, directions)
+    np.testing.assert_allclose(expected.offsets_mm[outline], -OUTLINE_SHARE_OF_BREAK * 0.4)
+    np.testing.assert_array_equal(expected.offsets_mm[~outline], 0.0)
+    np.testing.assert_allclose(expected.offsets_px, expected.offsets_mm * expected.px_per_mm)
+    assert (expected.weights > 0.0).all()
+    assert (expected.weights <= 1.0).all()
+
+
+def test_without_an_edge_break_nothing_is_expected() -> None:
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    np.testing.assert_array_equal(fresh(0.0).expect(ids, outline, directions).offsets_px, 0.0)
+
+
+# ---- learning ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset_mm", [-0.2, 0.15])
+def test_a_measured_offset_is_recovered(offset_mm: float) -> None:
+    offsets = fresh()
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    for _ in range(10):
+        expected = offsets.expect(ids, outline, directions)
+        offsets.learn(ids, outline, expected, residuals_for(expected, offset_mm))
+    expected = offsets.expect(ids, outline, directions)
+    np.testing.assert_allclose(expected.offsets_mm[outline], offset_mm, atol=0.02)
+
+
+def test_an_outline_seen_further_in_is_a_negative_offset() -> None:
+    """Told in pixels and image normals alone: the part looks smaller by 0.2 mm all around."""
+    offsets = fresh(0.0)
+    ids, outline, normals, directions = seen_at(EDGES, POSE)
+    expected = offsets.expect(ids, outline, directions)
+    points = CAMERA.project(transform(POSE, EDGES.points_obj[ids]))
+    inset = np.linalg.norm(directions, axis=1) * 0.2
+    middle = CAMERA.project(transform(POSE, PART.box_centre[None]))[0]
+    towards_middle = np.sign(((middle - points) * normals).sum(1))
+    offsets.learn(ids, outline, expected, towards_middle * inset)
+    learnt = offsets.expect(ids, outline, directions)
+    assert (learnt.offsets_mm[outline] < 0.0).all()
+    assert ((learnt.offsets_px * towards_middle)[outline] > 0.0).all()
+
+
+def test_one_measurement_counts_for_more_than_the_prior_of_many() -> None:
+    offsets = fresh(0.25)
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    first = offsets.expect(ids, outline, directions)
+    offsets.learn(ids, outline, first, residuals_for(first, 0.0))
+    now = offsets.expect(ids, outline, directions)
+    assert (np.abs(now.offsets_mm[outline]) < np.abs(first.offsets_mm[outline])).all()
+    assert (now.weights[outline] > first.weights[outline]).all()
+
+
+def test_neighbours_that_were_not_seen_take_the_mean_of_their_cell() -> None:
+    offsets = fresh(0.0)
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    measured = outline & (np.arange(len(ids)) % 2 == 0)
+    for _ in range(30):
+        expected = offsets.expect(ids, outline, directions)
+        offsets.learn(ids, outline, expected, np.where(measured, residuals_for(expected, -0.3), np.nan))
+    now = offsets.expect(ids, outline, directions)
+    others = outline & ~measured
+    np.testing.assert_allclose(now.offsets_mm[others], -0.3, atol=0.05)
+    assert (now.weights[others] < now.weights[measured].min()).all()
+    assert (now.weights[others] > fresh(0.0).expect(ids, outline, directions).weights[others]).all()
+
+
+def test_far_cells_take_the_mean_of_all_outlines() -> None:
+    offsets = fresh(0.0)
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    near = EDGES.points_obj[ids] @ [1.0, 0.7, 0.5] > 0.0
+    expected = offsets.expect(ids, outline, directions)
+    offsets.learn(ids, outline, expected, np.where(near, residuals_for(expected, -0.3), np.nan))
+    now = offsets.expect(ids, outline, directions)
+    count = int((outline & near).sum())
+    far = outline & (EDGES.points_obj[ids] @ [1.0, 0.7, 0.5] < -5.0)
+    assert far.any()
+    np.testing.assert_allclose(now.offsets_mm[far], -0.3 * count / (count + CONFIG.class_inertia))
+
+
+def test_the_two_roles_of_an_edge_are_kept_apart() -> None:
+    offsets = fresh(0.0)
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    inner = np.zeros_like(outline)
+    expected = offsets.expect(ids, inner, directions)
+    offsets.learn(ids, inner, expected, residuals_for(expected, 0.4))
+    assert (offsets.expect(ids, inner, directions).offsets_mm > 0.1).all()
+    np.testing.assert_array_equal(offsets.expect(ids, np.ones_like(outline), directions).offsets_mm, 0.0)
+
+
+def test_wild_measurements_are_cut_and_missing_ones_ignored() -> None:
+    offsets = fresh(0.0)
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    expected = offsets.expect(ids, outline, directions)
+    offsets.learn(ids, outline, expected, np.full(len(ids), np.nan))
+    np.testing.assert_array_equal(offsets.expect(ids, outline, directions).offsets_mm, 0.0)
+    for _ in range(50):
+        offsets.learn(ids, outline, expected, np.full(len(ids), 1e6))
+    assert np.abs(offsets.expect(ids, outline, directions).offsets_mm).max() <= CONFIG.largest + 1e-9
+
+
+def test_forgetting_brings_the_prior_back() -> None:
+    offsets = fresh(0.3)
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    first = offsets.expect(ids, outline, directions)
+    offsets.learn(ids, outline, first, residuals_for(first, 0.5))
+    offsets.forget()
+    np.testing.assert_array_equal(offsets.expect(ids, outline, directions).offsets_mm, first.offsets_mm)
+
+
+def test_samples_without_a_direction_or_an_outside_give_no_nan() -> None:
+    """An edge that points at the eye has no normal in the image; the rim of a sheet has no outside."""
+    offsets = fresh()
+    ids, outline = np.arange(5), np.ones(5, bool)
+    expected = offsets.expect(ids, outline, np.zeros((5, 3)))
+    np.testing.assert_array_equal(expected.offsets_px, 0.0)
+    offsets.learn(ids, outline, expected, np.ones(5))
+    for values in vars(offsets.expect(ids, outline, np.ones((5, 3)))).values():
+        assert np.isfinite(values).all()
+    nothing = offsets.expect(np.zeros(0, np.intp), np.zeros(0, bool), np.zeros((0, 3)))
+    assert len(nothing.offsets_px) == 0

@@ -1,0 +1,235 @@
+"""Searches along normals: sub-pixel positions, signs, borders, and the fast search against a slow twin."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.tracking.image_edges import (
+    FLANK_PX,
+    Candidates,
+    ImagePatch,
+    SearchConfig,
+    image_patch,
+    search_along_normals,
+)
+
+CONFIG = SearchConfig()
+WIDTH, HEIGHT = 64, 48
+
+
+def half_plane(at: FloatArray, normal: FloatArray, low: float = 60.0, high: float = 180.0) -> ByteImage:
+    """An image that is bright where normal . (x - at) > 0; pixels on the edge have the mean of what they cover."""
+    fine = 16
+    y, x = np.mgrid[0 : HEIGHT * fine, 0 : WIDTH * fine]
+    x, y = (x + 0.5) / fine - 0.5, (y + 0.5) / fine - 0.5
+    bright = (normal[0] * (x - at[0]) + normal[1] * (y - at[1]) > 0.0).astype(np.float64)
+    grey = low + (high - low) * bright.reshape(HEIGHT, fine, WIDTH, fine).mean((1, 3))
+    return np.repeat(np.round(grey).astype(np.uint8)[..., None], 3, 2)
+
+
+def whole(image: ByteImage) -> ImagePatch:
+    return image_patch(image, (0, 0, image.shape[1], image.shape[0]), CONFIG.blur_px)
+
+
+def best_offset(candidates: Candidates, row: int = 0) -> float:
+    return float(candidates.offsets[row, candidates.scores[row].argmax()])
+
+
+# ---- known edges ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 20.0, 90.0, 135.0, 250.0])
+@pytest.mark.parametrize("offset", [-6.3, -0.5, 0.0, 0.26, 4.75])
+def test_a_step_edge_is_found_to_a_tenth_of_a_pixel(angle_deg: float, offset: float) -> None:
+    normal = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    at = np.array([31.3, 23.6])
+    image = half_plane(at, normal)
+    found = search_along_normals(whole(image), (at - offset * normal)[None], normal[None], 10, CONFIG)
+    assert best_offset(found) == pytest.approx(offset, abs=0.1)
+    best = found.scores[0].argmax()
+    # 120 grey levels behind a blur of 1 px (and the pixel's own) rise by some 45 per px at the steepest.
+    assert 30.0 < found.gradients[0, best] < 50.0
+    assert found.scores[0, best] > 0.95
+    assert found.before[0, best] == pytest.approx(60.0, abs=3.0)
+    assert found.after[0, best] == pytest.approx(180.0, abs=3.0)
+
+
+def test_the_sign_of_the_gradient_turns_with_the_normal() -> None:
+    at, normal = np.array([31.3, 23.6]), np.array([1.0, 0.0])
+    patch = whole(half_plane(at, normal))
+    there, back = (search_along_normals(patch, at[None], s * normal[None], 8, CONFIG) for s in (1.0, -1.0))
+    first, second = there.scores[0].argmax(), back.scores[0].argmax()
+    assert there.gradients[0, first] == pytest.approx(-back.gradients[0, second], rel=0.02)
+    assert there.before[0, first] == pytest.approx(back.after[0, second], abs=3.0)
+
+
+def test_an_edge_along_the_normal_scores_nothing() -> None:
+    at, normal = np.array([31.3, 23.6]), np.array([1.0, 0.0])
+    patch = whole(half_plane(at, normal))
+    across = search_along_normals(patch, at[None], np.array([[0.0, 1.0]]), 8, CONFIG)
+    assert across.scores.max() < 0.01
+    slanted = search_along_normals(patch, at[None], np.array([[np.sqrt(0.5), np.sqrt(0.5)]]), 8, CONFIG)
+    assert 0.3 < slanted.scores.max() < 0.55  # the squared cosine of 45 degrees is a half
+
+
+def test_contrast_decides_the_score() -> None:
+    at, normal = np.array([31.3, 23.6]), np.array([1.0, 0.0])
+    scores = [
+        search_along_normals(whole(half_plane(at, normal, 100.0, 100.0 + step)), at[None], normal[None], 8, CONFIG)
+        .scores[0]
+        .max()
+        for step in (4.0, 16.0, 120.0)
+    ]
+    assert scores == sorted(scores)
+    # 6 grey levels per px are worth a half; a step of 16 rises by about 6.
+    assert scores[1] == pytest.approx(0.5, abs=0.1)
+
+
+def test_two_edges_of_a_bar_are_both_found() -> None:
+    image = np.full((HEIGHT, WIDTH, 3), 50, np.uint8)
+    image[:, 25:35] = 200  # from 24.5 to 34.5
+    found = search_along_normals(whole(image), np.array([[30.0, 20.0]]), np.array([[1.0, 0.0]]), 12, CONFIG)
+    strong = found.scores[0] > 0.5
+    np.testing.assert_allclose(np.sort(found.offsets[0][strong]), [-5.5, 4.5], atol=0.1)
+    assert set(np.sign(found.gradients[0][strong])) == {-1.0, 1.0}
+
+
+# ---- where there is nothing ----------------------------------------------------------------------------------
+
+
+def test_a_uniform_image_has_no_candidates() -> None:
+    patch = whole(np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
+    found = search_along_normals(patch, np.array([[30.0, 20.0], [0.0, 0.0]]), np.array([[1.0, 0.0]] * 2), 10, CONFIG)
+    assert found.scores.max() == 0.0
+    assert np.isfinite(found.offsets).all()
+
+
+@pytest.mark.parametrize("normal", [(1.0, 0.0), (0.0, -1.0), (-0.6, 0.8)], ids=str)
+@pytest.mark.parametrize("point", [(0.0, 20.0), (WIDTH - 1.0, 20.0), (30.0, 0.0), (-3.0, -3.0), (500.0, 1e5)], ids=str)
+def test_the_image_border_is_no_edge(point: tuple[float, float], normal: tuple[float, float]) -> None:
+    patch = whole(np.full((HEIGHT, WIDTH, 3), 200, np.uint8))
+    found = search_along_normals(patch, np.array([point]), np.array([normal]), 12, CONFIG)
+    assert found.scores.max() == 0.0
+    for values in vars(found).values():
+        assert np.isfinite(values).all()
+
+
+def test_an_edge_near_the_border_keeps_its_place() -> None:
+    at, normal = np.array([2.2, 20.0]), np.array([1.0, 0.0])
+    found = search_along_normals(whole(half_plane(at, normal)), np.array([[5.0, 20.0]]), normal[None], 10, CONFIG)
+    assert best_offset(found) == pytest.approx(-2.8, abs=0.1)
+
+
+def test_no_points_give_no_candidates() -> None:
+    found = search_along_normals(
+        whole(half_plane(np.ones(2), np.ones(2))), np.zeros((0, 2)), np.zeros((0, 2)), 5, CONFIG
+    )
+    for values in vars(found).values():
+        assert values.shape == (0, CONFIG.max_candidates)
+
+
+# ---- patches -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("box", "origin", "size"),
+    [
+        ((10, 5, 30, 25), (10, 5), (20, 20)),
+        ((-5, -7, 20, 10), (0, 0), (20, 10)),
+        ((50, 40, 500, 500), (50, 40), (WIDTH - 50, HEIGHT - 40)),
+        ((-9000, -9000, 9000, 9000), (0, 0), (WIDTH, HEIGHT)),
+        ((1000, 20, 1010, 30), (WIDTH - 2, 20), (2, 10)),
+        ((-50, 20, -40, 30), (0, 20), (2, 10)),
+    ],
+    ids=str,
+)
+def test_a_patch_is_cut_to_the_image(
+    box: tuple[int, int, int, int], origin: tuple[int, int], size: tuple[int, int]
+) -> None:
+    patch = image_patch(half_plane(np.array([30.0, 20.0]), np.array([1.0, 0.0])), box, 1.0)
+    assert patch.origin == origin
+    assert patch.channels.shape == (size[1], size[0], 3)
+    assert patch.channels.dtype == np.float32
+
+
+def test_gradients_are_grey_levels_per_pixel() -> None:
+    ramp = np.tile((3 * np.arange(WIDTH)).astype(np.uint8), (HEIGHT, 1))
+    channels = whole(np.repeat(ramp[..., None], 3, 2)).channels[10:-10, 10:-10]
+    np.testing.assert_allclose(channels[..., 0], 3.0, atol=0.05)
+    np.testing.assert_allclose(channels[..., 1], 0.0, atol=0.05)
+
+
+def test_a_patch_and_the_whole_image_say_the_same() -> None:
+    at, normal = np.array([31.3, 23.6]), np.array([0.8, 0.6])
+    image = half_plane(at, normal)
+    inner = image_patch(image, (12, 6, 52, 42), CONFIG.blur_px)
+    first, second = (search_along_normals(patch, at[None], normal[None], 6, CONFIG) for patch in (whole(image), inner))
+    assert best_offset(first) == pytest.approx(best_offset(second), abs=1e-3)
+
+
+# ---- the slow twin -------------------------------------------------------------------------------------------
+
+
+def bilinear(channels: FloatArray, x: float, y: float) -> FloatArray:
+    """Value between four pixels, 0 outside."""
+    height, width = channels.shape[:2]
+    left, top = int(np.floor(x)), int(np.floor(y))
+    value = np.zeros(3)
+    for row, share_y in ((top, top + 1 - y), (top + 1, y - top)):
+        for column, share_x in ((left, left + 1 - x), (left + 1, x - left)):
+            if 0 <= row < height and 0 <= column < width:
+                value += share_y * share_x * channels[row, column]
+    return value
+
+
+def search_one_by_one(patch: ImagePatch, point: FloatArray, normal: FloatArray, reach: int) -> list[tuple[float, ...]]:
+    """(offset, score, gradient, before, after) of every peak along one normal, the strongest first."""
+    values = {}
+    for step in range(-reach - FLANK_PX, reach + FLANK_PX + 1):
+        x, y = point + step * normal - patch.origin
+        values[step] = bilinear(patch.channels, float(x), float(y))
+    along = {step: float(value[:2] @ normal) for step, value in values.items()}
+    peaks = []
+    for step in range(-reach, reach + 1):
+        left, here, right = (abs(along[step + k]) for k in (-1, 0, 1))
+        if not (here > left and here >= right):
+            continue
+        squared_cosine = here**2 / (float(values[step][:2] @ values[step][:2]) + 1e-6)
+        score = here**2 / (here**2 + CONFIG.contrast**2) * squared_cosine
+        shift = 0.5 * (left - right) / min(left - 2.0 * here + right, -1e-6)
+        before, after = float(values[step - FLANK_PX][2]), float(values[step + FLANK_PX][2])
+        peaks.append((step + min(max(shift, -0.5), 0.5), score, along[step], before, after))
+    return sorted(peaks, key=lambda peak: -peak[1])[: CONFIG.max_candidates]
+
+
+@given(seed=st.integers(0, 10_000), reach=st.integers(2, 15))
+def test_the_search_agrees_with_its_slow_twin(seed: int, reach: int) -> None:
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(0, 255, (12, 16, 3)).astype(np.uint8)
+    image = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    patch = image_patch(image, (4, 3, 60, 45), CONFIG.blur_px)
+    points = rng.uniform([-2.0, -2.0], [WIDTH + 2.0, HEIGHT + 2.0], (4, 2)).astype(np.float32).astype(np.float64)
+    angles = rng.uniform(0.0, 2.0 * np.pi, 4)
+    normals = np.stack([np.cos(angles), np.sin(angles)], 1)
+    found = search_along_normals(patch, points, normals, reach, CONFIG)
+    for row in range(4):
+        slow = search_one_by_one(patch, points[row], normals[row], reach)
+        # What scores next to nothing hangs on the last digit.
+        slow = [peak for peak in slow if peak[1] > 0.02]
+        order = np.argsort(-found.scores[row])
+        order = order[found.scores[row, order] > 0.02]
+        assert len(order) == pytest.approx(len(slow), abs=1)
+        for peak in slow:
+            if peak[1] < 0.1:
+                continue
+            nearest = order[np.abs(found.offsets[row, order] - peak[0]).argmin()]
+            assert found.offsets[row, nearest] == pytest.approx(peak[0], abs=0.06)
+            assert found.scores[row, nearest] == pytest.approx(peak[1], abs=0.03)
+            assert found.gradients[row, nearest] == pytest.approx(peak[2], abs=0.02 * abs(peak[2]) + 0.2)
+            assert found.before[row, nearest] == pytest.approx(peak[3], abs=4.0)
+            assert found.after[row, nearest] == pytest.approx(peak[4], abs=4.0)

@@ -1,0 +1,81 @@
+"""The first frame: exact starts are trusted and teach the offsets, others are not and are mended."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import disturb_pose
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.contour_offsets import OUTLINE_SHARE_OF_BREAK
+from acp_lab.tracking.tracker import Tracker
+from tests.made_parts import bracket, looking_at
+from tests.tracking.rendered import CAMERA, add_percent, draw, poses, prepared
+
+INSET_MM = 0.2
+WAYS = {"above": (0.8, 0.6, 1.0), "below": (-0.5, 0.4, -0.9)}
+
+
+def first_frame(part: Part, pose: FloatArray, inset_mm: float = 0.0) -> Frame:
+    """The part, or one whose outlines all lie a little further in, at a pose."""
+    shown = bracket(shift=(-400.0, -300.0, -500.0), inset_mm=inset_mm)
+    return Frame(0, draw([(shown, pose)]), CAMERA)
+
+
+@pytest.fixture(params=WAYS.values(), ids=WAYS.keys())
+def truth(request: pytest.FixtureRequest, part: Part) -> FloatArray:
+    return looking_at(part, np.array(request.param), 330.0, 0.3)
+
+
+@pytest.mark.parametrize("inset_mm", [0.0, INSET_MM], ids=["as in the CAD", "inset by 0.2 mm"])
+def test_an_exact_start_is_trusted_and_kept(
+    part: Part, model: PreparedPart, truth: FloatArray, inset_mm: float
+) -> None:
+    tracker = Tracker(model)
+    result = tracker.start(first_frame(part, truth, inset_mm), truth)
+    assert tracker.start_was_trusted
+    np.testing.assert_array_equal(result.cam_T_obj, truth)
+    assert result.quality > 0.6
+
+
+@pytest.mark.parametrize(("angle_deg", "shift_mm"), [(2.0, 2.0), (6.0, 6.0)])
+def test_a_disturbed_start_is_not_trusted_and_mended(
+    part: Part, model: PreparedPart, truth: FloatArray, angle_deg: float, shift_mm: float
+) -> None:
+    frame = first_frame(part, truth)
+    for seed in range(2):
+        start = disturb_pose(truth, part.box_centre, angle_deg, shift_mm, np.random.default_rng(seed))
+        tracker = Tracker(model)
+        result = tracker.start(frame, start)
+        assert not tracker.start_was_trusted
+        assert add_percent(part, result.cam_T_obj, truth) < 1.5
+
+
+def test_offsets_of_a_trusted_start_keep_the_part_at_its_depth(part: Part, model: PreparedPart) -> None:
+    """An outline 0.2 mm further in looks like a part 4% farther away, unless the first frame has told."""
+    truth = poses(part, looking_at(part, np.array(WAYS["above"]), 330.0, 0.3), 6)
+    inset = bracket(shift=(-400.0, -300.0, -500.0), inset_mm=INSET_MM)
+    images = [draw([(inset, pose)], seed) for seed, pose in enumerate(truth)]
+    tracker = Tracker(model)
+    tracker.start(Frame(0, images[0], CAMERA), truth[0])
+    for index in range(1, 6):
+        result = tracker.track(Frame(index, images[index], CAMERA))
+        assert add_percent(part, result.cam_T_obj, truth[index]) < 1.0
+    ids = np.arange(len(model.edges))
+    learnt = tracker.offsets.expect(ids, np.ones(len(ids), bool), model.edges.normals_obj.sum(1)).offsets_mm
+    # Both faces of an edge lie further in, which moves it by up to 1.4 times as much.
+    assert -1.5 * INSET_MM < np.median(learnt) < -0.8 * INSET_MM
+
+
+def test_the_prior_stands_in_where_the_start_is_not_trusted(part: Part, model: PreparedPart, truth: FloatArray) -> None:
+    frame = first_frame(part, truth, INSET_MM)
+    start = disturb_pose(truth, part.box_centre, 2.0, 2.0, np.random.default_rng(0))
+    unaware = Tracker(model).start(frame, start)
+    aware = Tracker(prepared(part, INSET_MM / OUTLINE_SHARE_OF_BREAK)).start(frame, start)
+    off = [add_percent(part, result.cam_T_obj, truth) for result in (unaware, aware)]
+    assert off[0] > 3.0
+    assert off[1] < 2.5
+    assert off[1] < 0.6 * off[0]

@@ -1,0 +1,292 @@
+"""The tracker on small drawn sequences, and on everything that can go wrong in one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.edges import sample_edges
+from acp_lab.cad.part import Part
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
+from acp_lab.errors import TrackingError
+from acp_lab.generator.visibility import RegionNetwork
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.planar_pnp import solve_planar_pnp
+from acp_lab.geometry.pose import check_rotation, make_pose, transform
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.observer import TrackResult, TrackState
+from acp_lab.tracking.optimiser import move_pose
+from acp_lab.tracking.session import track_sequence
+from acp_lab.tracking.tracker import Tracker, TrackerConfig
+from tests.made_parts import box, looking_at
+from tests.tracking.rendered import CAMERA, MadeSequence, add_percent, draw, poses, prepared
+
+
+def errors_percent(part: Part, results: tuple[TrackResult, ...], truth: list[FloatArray]) -> list[float]:
+    return [add_percent(part, result.cam_T_obj, pose) for result, pose in zip(results, truth, strict=True)]
+
+
+def truth_of(sequence: MadeSequence) -> list[FloatArray]:
+    return [sequence.truth(index, 1) for index in sequence.frame_ids]  # type: ignore[misc]
+
+
+def images_of(sequence: MadeSequence) -> list[ByteImage]:
+    return [frame.image for frame in sequence.frames()]  # type: ignore[union-attr]
+
+
+def assert_sound(result: TrackResult) -> None:
+    """No NaN where a pose or a score is expected, whatever the frame showed."""
+    assert np.isfinite(result.cam_T_obj).all()
+    check_rotation(result.cam_T_obj[:3, :3], "result")
+    np.testing.assert_array_equal(result.cam_T_obj[3], [0.0, 0.0, 0.0, 1.0])
+    assert 0.0 <= result.quality <= 1.0
+    assert 0 <= result.region <= 5
+    assert result.timings.total_s > 0.0
+    if result.edges is not None:
+        assert np.isfinite(result.edges.points).all()
+        assert np.isfinite(result.control_points).all()
+        assert np.isfinite(result.loss)
+
+
+# ---- following a part ----------------------------------------------------------------------------------------
+
+
+def test_a_short_sequence_stays_below_two_per_cent(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+    tracker = Tracker(model)
+    run = tracker.run(sequence, sequence.first_pose)
+    results = run.results[1]
+    assert [result.frame_id for result in results] == list(sequence.frame_ids)
+    assert max(errors_percent(part, results, truth_of(sequence))) < 2.0
+    assert all(result.state is TrackState.TRACKING for result in results)
+    assert all(result.quality > 0.6 for result in results)
+    assert tracker.generator_name == "templates"
+    for result in results:
+        assert_sound(result)
+
+
+def test_a_disturbed_start_is_mended_on_the_way(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+    start = move_pose(sequence.first_pose, part.box_centre, np.array([0.03, 0.02, -0.03, 2.0, -1.0, 4.0]))
+    results = Tracker(model).run(sequence, start).results[1]
+    assert max(errors_percent(part, results, truth_of(sequence))) < 2.0
+
+
+def test_what_a_result_says_hangs_together(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+    for result in Tracker(model).run(sequence, sequence.first_pose).results[1][:4]:
+        w = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[result.region].axis)
+        np.testing.assert_allclose(result.control_points, CAMERA.project(transform(result.cam_T_obj, w)), atol=1e-9)
+        # The pose comes back from the control points by planar PnP, as in the paper.
+        back = solve_planar_pnp(w, result.control_points, CAMERA).nearest(result.cam_T_obj)
+        assert add_percent(part, back, result.cam_T_obj) < 0.01
+        assert result.edges is not None
+        assert result.residuals_px is not None
+        assert len(result.edges) == len(result.residuals_px)
+        assert np.nanmedian(np.abs(result.residuals_px)) < 0.6
+        points_obj = model.edges.points_obj[result.edges.sample_ids]
+        np.testing.assert_allclose(
+            result.edges.points, CAMERA.project(transform(result.cam_T_obj, points_obj)), atol=1e-9
+        )
+        stages = result.timings
+        booked = stages.image_s + stages.generate_s + stages.search_s + stages.solve_s + stages.learn_s
+        assert 0.0 < booked <= stages.total_s + 1e-3
+
+
+def test_the_same_frames_give_the_same_numbers(model: PreparedPart, sequence: MadeSequence) -> None:
+    start = move_pose(sequence.first_pose, model.part.box_centre, np.array([0.03, 0.02, -0.03, 2.0, -1.0, 4.0]))
+    again = Tracker(model)
+    for tracker in (again, again):  # the second time after a session of its own: starting forgets
+        first = Tracker(model).run(sequence, start).results[1]
+        second = tracker.run(sequence, start).results[1]
+        for a, b in zip(first, second, strict=True):
+            np.testing.assert_array_equal(a.cam_T_obj, b.cam_T_obj)
+            np.testing.assert_array_equal(a.control_points, b.control_points)
+            assert (a.quality, a.loss, a.state) == (b.quality, b.loss, b.state)
+
+
+def test_the_region_follows_the_view(part: Part, model: PreparedPart) -> None:
+    """Turning by 7 degrees a frame, the part shows another face of its box half way."""
+    camera = Camera(300, 240, 530.0, 530.0, 149.5, 119.5)
+    start = looking_at(part, np.array([1.0, 0.1, 0.3]), 330.0, 0.2)
+    spin = np.zeros(6)
+    spin[:3] = start[:3, :3] @ np.radians([0.0, 0.0, 7.0])
+    truth = poses(part, start, 10, spin)
+    tracker, results = Tracker(model), []
+    for index, pose in enumerate(truth):
+        frame = Frame(index, draw([(part, pose)], index, camera), camera)
+        results.append(tracker.track(frame) if index else tracker.start(frame, start))
+    exact = []
+    for pose in truth:
+        exact.append(choose_region(eye_position(pose) - part.box_centre, 0.5 * part.box_size))
+    regions = [result.region for result in results]
+    assert regions[0] == exact[0]
+    assert regions[-1] == exact[-1] != exact[0]
+    assert sum(a != b for a, b in zip(regions, exact, strict=True)) <= 2  # hysteresis
+    assert max(errors_percent(part, tuple(results), truth)) < 2.0
+
+
+def test_several_parts_side_by_side(part: Part, model: PreparedPart) -> None:
+    other = box()
+    camera_part = {3: part, 8: other}
+    step = np.array([0.015, -0.02, 0.01, 0.4, -0.3, 0.8])
+    left = move_pose(
+        looking_at(part, np.array([0.8, 0.6, 1.0]), 400.0), part.box_centre, np.array([0, 0, 0, -45.0, 0, 0])
+    )
+    right = move_pose(looking_at(other, np.array([1.0, 0.7, 0.5]), 400.0), np.zeros(3), np.array([0, 0, 0, 55.0, 0, 0]))
+    truth = {3: poses(part, left, 6, step), 8: poses(other, right, 6, step)}
+    images = [draw([(part, truth[3][k]), (other, truth[8][k])], k) for k in range(6)]
+    sequence = MadeSequence(list(images), truth)
+    trackers = {3: Tracker(model), 8: Tracker(prepared(other))}
+    run = track_sequence(trackers, sequence, sequence.first_poses)
+    for object_id, found in run.results.items():
+        assert max(errors_percent(camera_part[object_id], found, truth[object_id])) < 2.0
+    # Each is tracked as if it were alone.
+    alone = Tracker(model).run(MadeSequence(list(images), {3: truth[3]}), left).results[3]
+    for a, b in zip(alone, run.results[3], strict=True):
+        np.testing.assert_array_equal(a.cam_T_obj, b.cam_T_obj)
+
+
+# ---- what goes wrong -----------------------------------------------------------------------------------------
+
+
+def test_an_unreadable_frame_gets_the_predicted_pose(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+    truth, images = truth_of(sequence), images_of(sequence)
+    damaged = MadeSequence([*images[:5], None, *images[6:]], {1: truth})
+    results = Tracker(model).run(damaged, truth[0]).results[1]
+    blind = results[5]
+    assert_sound(blind)
+    assert blind.quality == 0.0
+    assert blind.edges is None
+    assert blind.residuals_px is None
+    assert blind.iterations == 0
+    assert "the file is empty" in blind.note
+    assert np.isfinite(blind.control_points).all()
+    # The part moves steadily, so the prediction is good, and tracking goes on from it.
+    assert max(errors_percent(part, results, truth)) < 2.0
+    assert results[-1].state is TrackState.TRACKING
+
+
+def test_an_unreadable_frame_without_a_camera(model: PreparedPart, sequence: MadeSequence) -> None:
+    tracker = Tracker(model)
+    tracker.start(next(iter(sequence.frames())), sequence.first_pose)  # type: ignore[arg-type]
+    result = tracker.track(UnreadableFrame(2, None, "gone"))
+    np.testing.assert_array_equal(result.cam_T_obj, sequence.first_pose)
+    assert np.isnan(result.control_points).all()
+    assert result.quality == 0.0
+
+
+def test_a_part_that_leaves_the_image_is_lost_and_found(part: Part, model: PreparedPart) -> None:
+    start = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    offsets = [0, 10, 20, 35, 55, 80, 110, 150, 200, 200, 200, 200]
+    truth = [move_pose(start, part.box_centre, np.array([0, 0, 0, float(x), 0, 0])) for x in offsets]
+    tracker = Tracker(model)
+    results = [tracker.start(Frame(0, draw([(part, start)]), CAMERA), start)]
+    results += [tracker.track(Frame(k, draw([(part, truth[k])], k), CAMERA)) for k in range(1, len(truth))]
+    for result in results:
+        assert_sound(result)
+    assert max(errors_percent(part, tuple(results[:4]), truth[:4])) < 2.0  # whole in view
+    assert results[-1].state is TrackState.LOST
+    assert results[-1].quality < 0.2
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "noise", "another size"])
+def test_frames_that_show_nothing_bring_no_nan(
+    part: Part, model: PreparedPart, sequence: MadeSequence, kind: str
+) -> None:
+    truth, images = truth_of(sequence), images_of(sequence)
+    rng, shape = np.random.default_rng(0), images[0].shape
+    camera = CAMERA
+    if kind == "another size":
+        camera = Camera(30, 20, 320.0, 325.0, 99.5, 79.5)  # a corner of the image, where the part is not
+        useless = images[0][:20, :30]
+    else:
+        made = {"black": np.zeros(shape), "white": np.full(shape, 255), "noise": rng.integers(0, 256, shape)}
+        useless = made[kind].astype(np.uint8)
+    tracker = Tracker(model)
+    tracker.start(Frame(0, images[0], CAMERA), truth[0])
+    tracker.track(Frame(1, images[1], CAMERA))
+    blind = [tracker.track(Frame(index, useless, camera)) for index in range(2, 6)]
+    for result in blind:
+        assert_sound(result)
+        assert result.quality < 0.3
+    assert blind[-1].state is TrackState.LOST
+    # Back in view where it was last: it is found again.
+    found = [tracker.track(Frame(index, images[1], CAMERA)) for index in range(6, 12)]
+    assert found[-1].state is TrackState.TRACKING
+    assert add_percent(part, found[-1].cam_T_obj, truth[1]) < 2.0
+
+
+def test_a_jump_is_caught_by_a_second_look(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+    truth, images = truth_of(sequence), images_of(sequence)
+    tracker = Tracker(model)
+    tracker.start(Frame(0, images[0], CAMERA), truth[0])
+    for index in range(1, 4):
+        tracker.track(Frame(index, images[index], CAMERA))
+    jumped = move_pose(truth[3], part.box_centre, np.array([0.03, 0.0, 0.02, -12.0, 9.0, 0.0]))
+    result = tracker.track(Frame(4, draw([(part, jumped)], 4), CAMERA))
+    assert add_percent(part, result.cam_T_obj, jumped) < 2.0
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        make_pose(np.eye(3), np.array([400.0, 300.0, 100.0])),
+        make_pose(np.eye(3), np.array([400.0, 300.0, 470.0])),
+        make_pose(np.eye(3), np.array([1400.0, 300.0, 900.0])),
+        make_pose(np.eye(3), np.array([np.nan, 300.0, 900.0])),
+        make_pose(np.eye(3), np.array([0.4, 0.3, 0.9])),
+    ],
+    ids=["behind the camera", "in the camera", "outside the image", "not a number", "in metres"],
+)
+def test_a_start_that_shows_nothing_is_refused(model: PreparedPart, sequence: MadeSequence, pose: FloatArray) -> None:
+    (frame,) = sequence.frames(1)
+    with pytest.raises(TrackingError, match=r"bracket: at the start pose .* not seen in frame 0 \(200x160\)") as caught:
+        Tracker(model).start(frame, pose)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+def test_a_long_part_may_come_nearer_than_its_own_length() -> None:
+    """Inside its bounding sphere there is no canonical frame; the learned generator hands over."""
+    part = box((200.0, 20.0, 20.0))
+    edges = sample_edges(part)
+    n = len(edges)
+    zeros = [np.zeros(shape, np.float32) for shape in ((4, 8), (4,), (4, 4), (4,), (n, 4))]
+    everything = RegionNetwork(*zeros, np.ones(n, np.float32), np.arange(n, dtype=np.int32))
+    model = replace(prepared(part), networks=dict.fromkeys(range(6), everything))
+    camera = Camera(360, 120, 160.0, 160.0, 179.5, 59.5)
+    start = looking_at(part, np.array([0.0, 0.3, 1.0]), 107.0)
+    truth = poses(part, start, 6, np.array([0.01, 0.0, 0.005, 0.0, 0.0, -3.0]))
+    tracker = Tracker(model)
+    assert tracker.generator_name == "learned"
+    tracker.start(Frame(0, draw([(part, truth[0])], 0, camera), camera), truth[0])
+    for index in range(1, 6):
+        result = tracker.track(Frame(index, draw([(part, truth[index])], index, camera), camera))
+        assert_sound(result)
+        assert add_percent(part, result.cam_T_obj, truth[index]) < 4.0
+
+
+def test_a_camera_may_change_from_frame_to_frame(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+    truth = truth_of(sequence)
+    zoomed = Camera(240, 180, 400.0, 390.0, 110.0, 95.0)
+    tracker = Tracker(model)
+    for index in range(4):
+        camera = zoomed if index % 2 else CAMERA
+        frame = Frame(index, draw([(part, truth[index])], index, camera), camera)
+        result = tracker.start(frame, truth[0]) if index == 0 else tracker.track(frame)
+        assert add_percent(part, result.cam_T_obj, truth[index]) < 2.0
+
+
+def test_undistortion_counts_as_tracking_time(model: PreparedPart, sequence: MadeSequence) -> None:
+    image = images_of(sequence)[0]
+    result = Tracker(model).start(Frame(0, image, CAMERA, undistort_s=5.0), sequence.first_pose)
+    assert result.timings.undistort_s == 5.0
+    assert result.timings.total_s > 5.0
+
+
+def test_the_default_settings_are_complete(model: PreparedPart) -> None:
+    assert Tracker(model).config == TrackerConfig()
+    assert Tracker(model, TrackerConfig(largest_turn_deg=10.0)).config.largest_turn_deg == 10.0
