@@ -56,6 +56,8 @@ def prepare(
     wanted = tuple(range(REGION_COUNT)) if regions is None else tuple(sorted(set(regions)))
     if not wanted or not set(wanted) <= set(range(REGION_COUNT)):
         raise PreparationError(f"--regions {regions}: choose from 0 to {REGION_COUNT - 1}, or all")
+    if seed < 0:
+        raise PreparationError(f"--seed {seed}: give 0 or more")
     folder = None if out is None else out / part.name
     model = _take_up(part, folder, seed, resume) if folder is not None else None
     model = model or PreparedPart(part, sample_edges(part), seed=seed)
@@ -63,7 +65,8 @@ def prepare(
         model = replace(model, edge_break_mm=edge_break_mm)
 
     caster = make_caster(part)
-    if generator != "learned" and model.templates is None:
+    # Regions without a network of their own need the templates to fall back on.
+    if (generator != "learned" or len(wanted) < REGION_COUNT) and model.templates is None:
         tell = None if progress is None else (lambda done, total: progress("view templates", done, total))
         model = replace(model, templates=build_templates(part, model.edges, caster, tell))
         _store(model, folder)
@@ -74,7 +77,7 @@ def prepare(
 
 
 def _take_up(part: Part, folder: Path, seed: int, resume: bool) -> PreparedPart | None:
-    """What a folder holds of this very part and seed; None to start anew."""
+    """What a folder holds of this very part; None to start anew."""
     if not resume or not (folder / "part.json").exists():
         return None
     again = "give --no-resume to prepare it anew, or rename the mesh"
@@ -82,7 +85,9 @@ def _take_up(part: Part, folder: Path, seed: int, resume: bool) -> PreparedPart 
     if read_header(folder, command)["mesh"]["sha256"] != part.sha256:
         raise PreparationError(f"{folder}: holds a part prepared from another mesh of the same name; {again}")
     stored = PreparedPart.load(folder)
-    return replace(stored, part=part) if stored.seed == seed else None
+    if stored.seed != seed:  # only the networks depend on it
+        return replace(stored, part=part, seed=seed, networks={}, reports=(), training="")
+    return replace(stored, part=part)
 
 
 def _train(
@@ -106,7 +111,14 @@ def _train(
         begin, stage = time.perf_counter(), f"visibility network, region {ALL_REGIONS[region].name}"
         tell = None if progress is None else (lambda done, total, stage=stage: progress(stage, done, total))
         network, report = train_region(model.part, model.edges, caster, ALL_REGIONS[region], config, model.seed, tell)
-        stored = RegionReport(region, report.precision, report.recall, report.final_loss, time.perf_counter() - begin)
+        stored = RegionReport(
+            region,
+            report.precision,
+            report.recall,
+            report.hidden_found,
+            report.final_loss,
+            time.perf_counter() - begin,
+        )
         model = replace(model, networks={**model.networks, region: network}, reports=(*model.reports, stored))
         _store(model, folder)
     return model

@@ -44,6 +44,7 @@ class RegionReport:
     region: int
     precision: float
     recall: float
+    hidden_found: float
     final_loss: float
     train_s: float
 
@@ -116,9 +117,9 @@ class PreparedPart:
                 {"views_obj": self.templates.views_obj.astype(np.float32), "packed": self.templates.packed},
             )
         for region, network in self.networks.items():
-            # float16 halves the folder; logits near zero are undecided either way.
-            half = {key: value if key == "rows" else value.astype(np.float16) for key, value in vars(network).items()}
-            _save(folder / f"visibility_{region}.safetensors", half)
+            # float16 halves the folder; the last layer is nearly all of it, and logits near 0 are undecided anyway.
+            stored = {**vars(network), "weight3": network.weight3.astype(np.float16)}
+            _save(folder / f"visibility_{region}.safetensors", stored)
         _write(folder / "part.json", (json.dumps(self._header(), indent=2) + "\n").encode())
 
     @staticmethod
@@ -175,6 +176,7 @@ class PreparedPart:
                 "training": self.training,
                 "held_out_precision": float(np.mean([report.precision for report in self.reports])),
                 "held_out_recall": float(np.mean([report.recall for report in self.reports])),
+                "held_out_hidden_found": float(np.mean([report.hidden_found for report in self.reports])),
                 "regions": [asdict(report) for report in self.reports],
             }
         return header
@@ -249,15 +251,21 @@ def _assemble(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -
     templates = None
     if "templates" in generators:
         stored = load_file(folder / "templates.safetensors")
+        if stored["packed"].shape != (len(stored["views_obj"]), (len(edges) + 7) // 8):
+            raise ValueError(f"templates of shape {stored['packed'].shape} for {len(edges)} edge samples")
         templates = TemplateGenerator(edges, part.box_centre, stored["views_obj"], stored["packed"])
     reports = tuple(RegionReport(**report) for report in generators.get("learned", {}).get("regions", ()))
+    networks = {report.region: load_network(folder, report.region) for report in reports}
+    for region, network in networks.items():
+        if len(network.rows) and network.rows.max() >= len(edges):
+            raise ValueError(f"the network of region {region} knows more edge samples than there are")
     return PreparedPart(
         part,
         edges,
         float(header["edge_break_mm"]),
         int(header["seed"]),
         templates,
-        {report.region: load_network(folder, report.region) for report in reports},
+        networks,
         reports,
         generators.get("learned", {}).get("training", ""),
     )
@@ -266,7 +274,7 @@ def _assemble(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -
 def load_network(folder: Path, region: int) -> RegionNetwork:
     """The visibility network of one region 0..5."""
     stored = load_file(folder / f"visibility_{region}.safetensors")
-    return RegionNetwork(**{k: v if k == "rows" else v.astype(np.float32) for k, v in stored.items()})
+    return RegionNetwork(**{**stored, "weight3": stored["weight3"].astype(np.float32)})
 
 
 def _sha256(path: Path, mend: str) -> str:

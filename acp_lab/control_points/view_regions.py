@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acp_lab.control_points.coplanar_points import MIN_SIDE_RATIO
+
 REGION_COUNT = 6
 REGION_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 HYSTERESIS = 1.15
@@ -63,6 +65,8 @@ def region_scores(direction_obj: np.ndarray, half_size: np.ndarray) -> np.ndarra
     Returns:
         (..., 6); the largest names the region, equal ones lie on a border.
     """
+    # A plate's rim regions would reach down to where its broad sides are seen edge-on; W is widened likewise.
+    half_size = np.maximum(half_size, MIN_SIDE_RATIO * np.max(half_size))
     leaning = np.asarray(direction_obj) / half_size
     return np.stack([leaning, -leaning], -1).reshape(*leaning.shape[:-1], REGION_COUNT)
 
@@ -87,7 +91,7 @@ def choose_region(
 def sample_directions(
     region: ViewRegion, half_size: np.ndarray, count: int, overlap: float = 0.0, seed: int = 0
 ) -> np.ndarray:
-    """About `count` directions of view that cover a region evenly.
+    """`count` directions of view that cover a region evenly.
 
     Latitude and longitude steps as in paper IV-C crowd at the poles; latitudes are therefore taken at
     equal steps of height, which makes equal areas, with longitudes by the golden angle.

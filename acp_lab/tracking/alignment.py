@@ -8,7 +8,7 @@ search and the capture range sigma (paper IV-B's alpha, annealed).
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,6 +55,10 @@ class Level:
     sigma_px: float
     samples: int = 300
 
+    def scaled(self, scale: float) -> Level:
+        """The level for a part that appears `scale` times as large; never finer than the image allows."""
+        return replace(self, reach_px=max(round(self.reach_px * scale), 5), sigma_px=max(self.sigma_px * scale, 1.0))
+
 
 TRACKING_LEVELS = (Level(20, 6.0, 250), Level(8, 2.0, 400), Level(5, 1.0, 800))
 
@@ -64,7 +68,7 @@ class SolverConfig:
     """Settings of the alignment.
 
     Attributes:
-        levels: coarse to fine.
+        levels: coarse to fine, for a part that appears at least `full_size_px` wide; shorter for smaller ones.
         steps_per_level: Gauss-Newton steps on one set of candidates.
         outlier: mass of "no image edge belongs here" in the soft assignment.
         damping: per squared px of mean control-point motion.
@@ -75,6 +79,7 @@ class SolverConfig:
     """
 
     levels: tuple[Level, ...] = TRACKING_LEVELS
+    full_size_px: float = 150.0
     steps_per_level: int = 3
     outlier: float = 0.5
     damping: float = 2e-3
@@ -261,8 +266,9 @@ class Aligner:
         """The pose near `cam_T_obj` whose edges fit the frame; None when the part cannot be seen there."""
         solver, iterations = self.solver, 0
         pose, observation = cam_T_obj, None
-        level = Level(1, 1.0)
+        scale = self._level_scale(camera, cam_T_obj)
         for level in levels or solver.levels:
+            level = level.scaled(scale)
             observation = self.observe(patch, camera, pose, region, level, clock, use_memory)
             if observation is None:
                 return None
@@ -277,6 +283,12 @@ class Aligner:
         clock.solve_s += clock.lap()
         # Not finite where the last step put some samples behind the camera.
         return alignment if np.isfinite(alignment.loss) else None
+
+    def _level_scale(self, camera: Camera, cam_T_obj: np.ndarray) -> float:
+        """In [0.5, 1]: on a part that appears small, a long search finds the edges of its other side."""
+        depth = centre_position(cam_T_obj, self.part.box_centre)[2]
+        apparent_px = 2.0 * self.part.radius * camera.fx / max(depth, 1e-6)
+        return float(np.clip(apparent_px / self.solver.full_size_px, 0.5, 1.0))
 
     def judge(self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray, iterations: int = 0) -> Alignment:
         """How well the candidates of an observation fit a pose (4, 4) near the one it was made at."""

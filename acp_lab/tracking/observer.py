@@ -47,13 +47,13 @@ class TrackResult:
         frame_id: im_id of the frame.
         cam_T_obj: (4, 4) pose, mm.
         control_points: (4, 2) image control points I in px, in the order of W's rows.
-        loss: mean robust squared distance of generated edges to image edges, px^2.
+        loss: e(I), see `loss.robust_loss`; 0 for a perfect fit, NaN where nothing was seen.
         quality: in [0, 1]; mean score of the best image edge found per generated edge point.
         state: tracking, weak or lost.
         region: index 0..5 of the view region whose W is in use.
-        edges: the edge points generated at the final pose, None for an unreadable frame.
+        edges: the edge points generated at the final pose, None where nothing was seen.
         residuals_px: (n,) signed distance along the normal from each generated edge point to the
-            image edge assigned to it, NaN where none was; None for an unreadable frame.
+            image edge assigned to it, NaN where none was; None where nothing was seen.
         iterations: Gauss-Newton steps taken.
         timings: wall seconds per stage.
         note: reason of a state change or of an unreadable frame, empty otherwise.

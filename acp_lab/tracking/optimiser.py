@@ -89,11 +89,14 @@ def gauss_newton_step(
         damping: mu, per squared px of control-point motion.
 
     Returns:
-        (6,); zeros where nothing has weight.
+        (6,); zeros where nothing has weight or the system is singular.
     """
     total = float(weights.sum())
     if not total > 0.0:
         return np.zeros(6)
     weighted = jacobian * weights[:, None]
     hessian = weighted.T @ jacobian / total + damping * (control_jacobian.T @ control_jacobian)
-    return np.linalg.solve(hessian, weighted.T @ residuals / total)
+    try:
+        return np.linalg.solve(hessian, weighted.T @ residuals / total)
+    except np.linalg.LinAlgError:  # nothing tells some direction, and there is no damping
+        return np.zeros(6)

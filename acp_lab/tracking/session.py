@@ -94,6 +94,9 @@ def track_sequence(
     """
     listening = tuple(observers)
     results: dict[int, list[TrackResult]] = {object_id: [] for object_id in trackers}
+    without = sorted(set(trackers) - set(starts))
+    if without:
+        raise SequenceError(f"{sequence.name}: no start pose for object {without[0]}; give one for each tracker")
     tracked = tuple(TrackedObject(object_id, tracker.part) for object_id, tracker in trackers.items())
     info = SessionInfo(sequence.name, sequence.scene_id, method, tracked, sequence.truth)
     with ExitStack() as at_the_end:

@@ -25,7 +25,7 @@ class StartConfig:
     Attributes:
         agreement: least ratio of the frame's agreement with the start pose to that with the solved pose.
         agreement_sigma_px: nearness that counts as agreement.
-        largest_shift_px: rms motion of the samples between the two poses, without its scale part.
+        largest_shift_px: rms motion of the samples along their normals between the two poses, without its scale part.
         largest_scale: relative change of apparent size between the two poses.
         turn_deg: turns tried about the axes and diagonals when the start is not trusted.
         finalists: how many of the coarse solutions are refined.
@@ -33,7 +33,7 @@ class StartConfig:
 
     agreement: float = 0.9
     agreement_sigma_px: float = 1.2
-    largest_shift_px: float = 1.2
+    largest_shift_px: float = 0.85
     largest_scale: float = 0.025
     turn_deg: float = 4.0
     finalists: int = 3
@@ -71,7 +71,8 @@ def is_trusted(
     arms, shift = before - before.mean(0), after - before
     # Biased edges mostly change the apparent size; a wrong pose also shifts and shears.
     scale = float((arms * shift).sum() / max(float((arms * arms).sum()), 1e-9))
-    rest_px = float(np.sqrt(((shift - scale * arms) ** 2).sum(1).mean()))
+    # Along the normals: sliding along the edges, such as a round part's roll, is no error that they could show.
+    rest_px = float(np.sqrt((((shift - scale * arms) * solved.observation.normals).sum(1) ** 2).mean()))
     if not (rest_px < config.largest_shift_px and abs(scale) < config.largest_scale):
         return False
     sigma = config.agreement_sigma_px

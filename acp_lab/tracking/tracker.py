@@ -117,12 +117,19 @@ class Tracker:
             residuals = alignment.residuals_px(min_found=0.1)
             self.offsets.learn(seen.visible.ids, seen.visible.outline, seen.expected, residuals)
         self._motion.restart(alignment.cam_T_obj)
+        self._started = True
         self._mean_quality = alignment.quality
         self._learn(alignment, clock)
         return self._result(frame, alignment, clock, time.perf_counter() - begin, "")
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
-        """The pose in the next frame; an unreadable frame gets the predicted pose and quality 0."""
+        """The pose in the next frame; an unreadable frame gets the predicted pose and quality 0.
+
+        Raises:
+            TrackingError: `start` was not called.
+        """
+        if not self._started:
+            raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
         begin, clock = time.perf_counter(), Stopwatch()
         predicted = self._motion.predict()
         if isinstance(frame, UnreadableFrame):
@@ -134,11 +141,11 @@ class Tracker:
         if alignment is None or alignment.quality < floor:
             alignment = self._second_try(frame, alignment, clock)
         if alignment is None:
-            self._states.update(0.0)
+            note = self._states.update(0.0) or "the part is not seen"
             # Prediction without sight runs away; the last pose is the better guess.
             pose = self._motion.last
             self._motion.restart(pose)
-            return self._blind(frame, pose, clock, time.perf_counter() - begin, "the part is not seen")
+            return self._blind(frame, pose, clock, time.perf_counter() - begin, note)
         note = self._states.update(alignment.quality)
         if alignment.quality > self.config.state.lost_below:
             self._motion.observe(alignment.cam_T_obj)
@@ -164,7 +171,7 @@ class Tracker:
             self.part, self.generator, self.memory, self.offsets, self.reliability, config.search, config.solver
         )
         self._states = StateMachine(config.state)
-        self._trusted = False
+        self._started = self._trusted = False
         self._region = 0
         self._mean_quality = 0.0
 

@@ -8,6 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, FILL, canonical_frame, eye_position
+from acp_lab.control_points.coplanar_points import MIN_SIDE_RATIO
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region, region_scores
 from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import FloatArray
@@ -82,7 +83,7 @@ def test_the_bounding_sphere_fills_the_same_share_from_everywhere(
 def test_the_up_vector_is_nowhere_degenerate_in_its_region(
     half_size: tuple[float, float, float], aside: tuple[float, float], index: int
 ) -> None:
-    half, region = np.array(half_size), ALL_REGIONS[index]
+    half, region = np.maximum(half_size, MIN_SIDE_RATIO * max(half_size)), ALL_REGIONS[index]
     direction = half * np.roll([region.sign, *aside], region.axis)
     direction /= np.linalg.norm(direction)
     scores = region_scores(direction, half)

@@ -50,10 +50,11 @@ def test_numbers_axes_and_names_of_the_regions() -> None:
 
 @pytest.mark.parametrize("half_size", [(20.0, 15.0, 10.0), (1.0, 1.0, 1.0), (50.0, 30.0, 1.0)], ids=str)
 def test_the_pyramids_of_the_box_share_out_the_sphere(half_size: tuple[float, float, float]) -> None:
-    half = np.array(half_size)
+    # A plate counts as at least a quarter as thick as it is wide.
+    half = np.maximum(half_size, 0.25 * max(half_size))
     for direction in np.random.default_rng(3).standard_normal((200, 3)):
         of = [region.index for region in ALL_REGIONS if in_pyramid(direction, half, region)]
-        assert of == [choose_region(direction, half)]
+        assert of == [choose_region(direction, np.array(half_size))]
 
 
 @given(direction=directions(), length=st.floats(1e-3, 1e4))
@@ -126,8 +127,10 @@ def test_a_thin_plate_still_gives_samples_at_its_rim() -> None:
     half = np.array([50.0, 50.0, 0.5])
     found = sample_directions(ALL_REGIONS[0], half, 40)
     assert found.shape == (40, 3)
-    assert (found[:, 0] > 0.7).all()
-    assert (np.abs(found[:, 2]) < 0.011).all()
+    assert (found[:, 0] > 0.6).all()
+    # Not nearer to edge-on than the widened control points stand.
+    assert (np.abs(found[:, 2]) < 0.25).all()
+    assert np.abs(found[:, 2]).max() > 0.15
 
 
 def test_samples_are_the_same_for_the_same_seed() -> None:

@@ -26,7 +26,9 @@ def read(path: Path) -> dict[str, dict[str, list[tuple[int | None, Any]]]]:
     content: dict[str, dict[str, list[tuple[int | None, Any]]]] = defaultdict(lambda: defaultdict(list))
     for chunk in RrdReader(path).stream().to_chunks():
         batch = chunk.to_record_batch()
-        columns = {name: batch.column(name).to_pylist() for name in batch.schema.names}
+        # The time line of durations is left out: its nanoseconds become Python values only with pandas.
+        names = [name for name in batch.schema.names if name != "time"]
+        columns = {name: batch.column(name).to_pylist() for name in names}
         times = columns.get("frame") or [None] * batch.num_rows
         for name, values in columns.items():
             for time, value in zip(times, values, strict=True):
