@@ -143,29 +143,32 @@ def track(
     ] = None,
 ) -> None:
     """Track prepared parts through a data set or a video."""
-    from acp_lab.commands.track import TrackOptions, track_parts
+    from acp_lab.commands.machine import limit_threads
+    from acp_lab.commands.track import TrackOptions
 
-    track_parts(
-        TrackOptions(
-            dataset=dataset,
-            video=video,
-            mesh=mesh,
-            camera=camera,
-            parts=parts,
-            out=out,
-            split=split,
-            scenes=tuple(scene or ()),
-            objects=tuple(object_id or ()),
-            method=method,
-            init=init,
-            noise_deg=init_noise_deg,
-            noise_mm=init_noise_mm,
-            seed=seed,
-            replay=replay,
-            threads=threads,
-            max_frames=max_frames,
-        )
+    options = TrackOptions(
+        dataset=dataset,
+        video=video,
+        mesh=mesh,
+        camera=camera,
+        parts=parts,
+        out=out,
+        split=split,
+        scenes=tuple(scene or ()),
+        objects=tuple(object_id or ()),
+        method=method,
+        init=init,
+        noise_deg=init_noise_deg,
+        noise_mm=init_noise_mm,
+        seed=seed,
+        replay=replay,
+        threads=threads,
+        max_frames=max_frames,
     )
+    limit_threads(threads)  # before NumPy is imported
+    from acp_lab.commands.track_run import track_parts
+
+    track_parts(options)
 
 
 @app.command("eval")

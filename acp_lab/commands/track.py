@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import AcpLabError, InputFileError, SequenceError, TrackingError
 
 if TYPE_CHECKING:
@@ -129,19 +128,6 @@ class PartShelf:
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
             self._loaded[mesh] = PreparedPart.load(self.folder / mesh.stem, mesh)
         return self._loaded[mesh]
-
-
-def track_parts(options: TrackOptions) -> None:
-    """Track, write the results and print what came of it."""
-    limit_threads(options.threads)
-    from acp_lab.commands.track_run import run_jobs
-
-    jobs = scene_jobs(options)
-    for summary in run_jobs(jobs, options):
-        print(summary)
-    print(f"{options.out}: written")
-    if options.replay is not None:
-        print(f"{options.replay}: written; acp-lab replay {options.replay} shows it")
 
 
 def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:

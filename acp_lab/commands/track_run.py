@@ -14,7 +14,7 @@ from statistics import median
 from typing import Any
 
 from acp_lab.commands import console, machine
-from acp_lab.commands.track import SceneJob, TrackOptions
+from acp_lab.commands.track import SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
@@ -136,6 +136,15 @@ class SummaryObserver:
 
     def on_end(self) -> None:
         pass
+
+
+def track_parts(options: TrackOptions) -> None:
+    """Track, write the results and print what came of it."""
+    for summary in run_jobs(scene_jobs(options), options):
+        print(summary)
+    print(f"{options.out}: written")
+    if options.replay is not None:
+        print(f"{options.replay}: written; acp-lab replay {options.replay} shows it")
 
 
 def run_jobs(

@@ -1,4 +1,4 @@
-"""The generative model t(I): image control points in, visible edge points out (paper IV-A, eq. 6).
+"""The generative model t(I): image control points in, visible edge points out (paper IV-A, eq. 5).
 
 The paper's t(I) is a network that paints an edge image. Everything downstream needs the edge
 *points* (where, which way they run, how much they count), so points are the interface here and
@@ -44,7 +44,7 @@ class GeneratedEdges:
         return len(self.points)
 
     def image(self, width: int, height: int, half_length_px: float = 1.0) -> np.ndarray:
-        """The edge image E of eq. 6: (height, width) uint8, 0 or 255, short strokes along the tangents."""
+        """The edge image E of eq. 5: (height, width) uint8, 0 or 255, short strokes along the tangents."""
         canvas = np.zeros((height, width), np.uint8)
         # cv2 takes fixed-point coordinates; 4 fractional bits keep the strokes sub-pixel exact.
         ends = np.stack([self.points - half_length_px * self.tangents, self.points + half_length_px * self.tangents], 1)
@@ -106,7 +106,7 @@ def generate_edges(
     box_centre: np.ndarray,
     count: int = 1_000_000,
 ) -> GeneratedEdges:
-    """t(I) of a rigid generator: PnP, then visible samples, then their projections (paper eq. 6).
+    """t(I) of a rigid generator: PnP, then visible samples, then their projections (paper eq. 5).
 
     Args:
         control_points: (4, 2) image control points I, px.

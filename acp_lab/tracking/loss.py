@@ -1,7 +1,7 @@
 """The loss e(I) on edge points: soft assignment to image edges, saturating with distance.
 
-Paper eq. 8 gives a generated edge point whose image edge is further than alpha less weight, because
-that edge is probably missing. Here the weight of candidate k of point i is
+In paper IV-B a generated edge point whose image edge is further than alpha counts less, because that
+edge is probably missing (its e(I), labelled eq. 8). Here the weight of candidate k of point i is
 
     p_ik = score_ik exp(-(d_ik / sigma)^2 / 2),      w_i = sum_k p_ik / (sum_k p_ik + outlier)
 
