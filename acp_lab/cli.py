@@ -21,7 +21,7 @@ from typing import Annotated
 import typer
 
 from acp_lab import __version__
-from acp_lab.commands import console
+from acp_lab.commands import console, interrupt
 from acp_lab.errors import AcpLabError, InputFileError
 
 app = typer.Typer(
@@ -146,6 +146,7 @@ def track(
     from acp_lab.commands.machine import limit_threads
     from acp_lab.commands.track import TrackOptions
 
+    limit_threads(threads)  # before NumPy is imported
     options = TrackOptions(
         dataset=dataset,
         video=video,
@@ -165,7 +166,6 @@ def track(
         threads=threads,
         max_frames=max_frames,
     )
-    limit_threads(threads)  # before NumPy is imported
     from acp_lab.commands.track_run import track_parts
 
     track_parts(options)
@@ -217,10 +217,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit status, never an exception. arguments: without the program's name."""
     words = _joined_regions(list(sys.argv[1:] if arguments is None else arguments))
     console.drop_notes()
-    with console.native_code_silenced(), console.warnings_as_notes():
+    with console.native_code_silenced(), console.warnings_as_notes(), interrupt.remembered():
         try:
             # Not app(...): that would install typer's own printing of exceptions.
             status = typer.main.get_command(app).main(words, prog_name="acp-lab", standalone_mode=False)
+            interrupt.check()
             console.release_notes()
             return status if isinstance(status, int) else 0
         except (KeyboardInterrupt, typer.Abort):

@@ -59,7 +59,8 @@ def prepare(
     if seed < 0:
         raise PreparationError(f"--seed {seed}: give 0 or more")
     folder = None if out is None else out / part.name
-    model = _take_up(part, folder, seed, resume) if folder is not None else None
+    trains = generator != "templates"
+    model = _take_up(part, folder, seed, trains, resume) if folder is not None else None
     model = model or PreparedPart(part, sample_edges(part), seed=seed)
     if edge_break_mm is not None:
         model = replace(model, edge_break_mm=edge_break_mm)
@@ -70,13 +71,13 @@ def prepare(
         tell = None if progress is None else (lambda done, total: progress("view templates", done, total))
         model = replace(model, templates=build_templates(part, model.edges, caster, tell))
         _store(model, folder)
-    if generator != "templates":
+    if trains:
         model = _train(model, caster, wanted, fast, folder, progress)
     _store(model, folder)
     return model
 
 
-def _take_up(part: Part, folder: Path, seed: int, resume: bool) -> PreparedPart | None:
+def _take_up(part: Part, folder: Path, seed: int, trains: bool, resume: bool) -> PreparedPart | None:
     """What a folder holds of this very part; None to start anew."""
     if not resume or not (folder / "part.json").exists():
         return None
@@ -84,8 +85,8 @@ def _take_up(part: Part, folder: Path, seed: int, resume: bool) -> PreparedPart 
     command = f"run: acp-lab prepare {part.path or 'MESH'} --out {folder.parent}"
     if read_header(folder, command)["mesh"]["sha256"] != part.sha256:
         raise PreparationError(f"{folder}: holds a part prepared from another mesh of the same name; {again}")
-    stored = PreparedPart.load(folder)
-    if stored.seed != seed:  # only the networks depend on it
+    stored = PreparedPart.load(folder, part.path)
+    if trains and stored.seed != seed:  # only the networks depend on it
         return replace(stored, part=part, seed=seed, networks={}, reports=(), training="")
     return replace(stored, part=part)
 

@@ -131,6 +131,11 @@ def sample_edges(
     if len(rim_vertices):
         always = np.ones(len(rim_vertices), bool)
         groups.append(_sample_group(part.vertices, rim_vertices, rim_normals, always, always, spacing, None))
+    if groups and not crease.any() and len(rim_vertices) == 0:
+        raise PartError(
+            f"{part.path or part.name}: the mesh has no edges to track (no two faces meet at more than "
+            f"{crease_angle_deg:g} degrees); a smooth body's outline alone does not fix its pose"
+        )
     if not groups:
         raise PartError(
             f"{part.path or part.name}: the mesh has no edges to track (each is shared by three faces or more); "

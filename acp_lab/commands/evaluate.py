@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from acp_lab.commands.track import check_replaces_own
 from acp_lab.errors import InputFileError
 
 
@@ -16,6 +17,8 @@ def evaluate_results(dataset: Path, results: Path, split: str = "test", json: Pa
         raise InputFileError(f"{json}: --json would overwrite the results: choose another file")
     if json is not None and json.is_dir():
         raise InputFileError(f"{json}: is a folder: --json needs a file name")
+    if json is not None:
+        check_replaces_own(json, b'{\n  "objects"', "--json", "an evaluation")
     scores = evaluate(results, BopDataset(dataset), split)
     if json is not None:
         scores.write_json(json)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acp_lab.commands.console import Progress
+from acp_lab.commands import interrupt
+from acp_lab.commands.console import Progress, warn
 from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import InputFileError
 
@@ -59,7 +60,11 @@ def prepare_parts(options: PrepareOptions) -> tuple[PreparedPart, ...]:
     limit_threads(options.threads)
     from acp_lab.preparation import prepare
 
+    interrupt.check()
     parts = [read_part(mesh) for mesh in dict.fromkeys(options.meshes)]
+    for part in parts:
+        if not part.is_closed:
+            warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
     prepared = []
     for part in parts:
         start = time.perf_counter()

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 METHODS = ("acp",)
 PLANNED_METHODS = ("acp-paper", "direct-6dof", "unoptimised-points")
 
+HEADER_START = b"scene_id,im_id,"
+
 
 @dataclass(frozen=True)
 class TrackOptions:
@@ -81,6 +83,8 @@ class TrackOptions:
                 raise AcpLabError(f"--{name} {path}: {why}: leave it out")
 
     def _check_outputs(self) -> None:
+        from acp_lab.sequences.results_csv import run_info_path
+
         inputs = [Path(self.init)] if self.init not in (None, "gt") else []
         inputs += [path for path in (self.video, self.mesh, self.camera) if path is not None]
         outputs = [("--out", self.out)] + ([("--replay", self.replay)] if self.replay is not None else [])
@@ -91,8 +95,23 @@ class TrackOptions:
                 raise InputFileError(f"{path}: {option} would overwrite an input: choose another file")
             if not _is_writable(path):
                 raise InputFileError(f"{path}: {option} cannot be written there: choose another place")
-        if self.replay is not None and self.replay.resolve() == self.out.resolve():
+        written = {self.out.resolve(), run_info_path(self.out).resolve()}
+        if self.replay is not None and self.replay.resolve() in written:
             raise InputFileError(f"{self.replay}: --replay and --out are the same file: choose two")
+        check_replaces_own(self.out, HEADER_START, "--out", "results")
+        check_replaces_own(run_info_path(self.out), b"{", "--out", "run information")
+        if self.replay is not None:
+            check_replaces_own(self.replay, b"RRF", "--replay", "a replay")
+
+
+def check_replaces_own(path: Path, beginning: bytes, option: str, kind: str) -> None:
+    """Refuse to replace a file that this program did not write, such as a data set's truth."""
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        start = file.read(len(beginning))
+    if start and start != beginning:
+        raise InputFileError(f"{path}: {option} would replace a file that is not {kind}: choose another name")
 
 
 def _is_writable(path: Path) -> bool:
@@ -176,7 +195,14 @@ def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatAr
         return scene.first_poses
     from acp_lab.sequences import start_poses
 
-    return start_poses(str(options.init), scene.scene_id, scene.frame_ids[0])
+    starts = start_poses(str(options.init), scene.scene_id, scene.frame_ids[0])
+    for object_id in scene.object_ids:  # of the truth in the first frame, where there is any
+        if object_id not in starts and (not options.objects or object_id in options.objects):
+            raise SequenceError(
+                f"{options.init}: no row for scene {scene.scene_id}, image {scene.frame_ids[0]}, object {object_id}: "
+                "add its start pose, or choose others with --object"
+            )
+    return starts
 
 
 def _chosen(objects: tuple[int, ...], starts: Mapping[int, FloatArray]) -> dict[int, FloatArray]:

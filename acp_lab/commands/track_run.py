@@ -13,7 +13,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from acp_lab.commands import console, machine
+from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.track import SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -76,6 +76,7 @@ class Reporter:
         self._done = 0
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        interrupt.check()
         self._done += 1
         if isinstance(frame, UnreadableFrame):
             self._progress.close()
@@ -140,6 +141,7 @@ class SummaryObserver:
 
 def track_parts(options: TrackOptions) -> None:
     """Track, write the results and print what came of it."""
+    interrupt.check()
     for summary in run_jobs(scene_jobs(options), options):
         print(summary)
     print(f"{options.out}: written")

@@ -60,7 +60,7 @@ class Level:
         return replace(self, reach_px=max(round(self.reach_px * scale), 5), sigma_px=max(self.sigma_px * scale, 1.0))
 
 
-TRACKING_LEVELS = (Level(20, 6.0, 250), Level(8, 2.0, 400), Level(5, 1.0, 800))
+TRACKING_LEVELS = (Level(20, 6.0, 250), Level(8, 2.0, 400), Level(5, 1.0, 600))
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,8 @@ def search_along_normals(
     peaks = (square[:, inner] > square[:, left]) & (square[:, inner] >= square[:, right])
     score = np.where(peaks, score[:, inner], np.float32(0.0))
 
-    count = min(config.max_candidates, score.shape[1])
+    # A short search has few peaks; carrying empty candidates through the solver would cost as much as full ones.
+    count = min(config.max_candidates, 1 + reach_px // 2)
     best = np.argpartition(score, -count, axis=1)[:, -count:]
     rows = np.arange(len(points))[:, None]
     column = best + FLANK_PX

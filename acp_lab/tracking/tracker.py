@@ -58,10 +58,10 @@ class TrackerConfig:
     state: StateConfig = field(default_factory=StateConfig)
     largest_turn_deg: float = 45.0
     margin_px: float = 12.0
-    quality_rate: float = 0.2
+    quality_rate: float = 0.5
     learn_above: float = 0.7
-    second_try_below: float = 0.9
-    third_try_below: float = 0.85
+    second_try_below: float = 0.8
+    third_try_below: float = 0.8
     shift_px: float = 14.0
 
 

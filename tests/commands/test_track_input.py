@@ -14,7 +14,8 @@ from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, OBJECT_IDS, edit_json, true_pose
 from tests.sequences.tiny_dataset import write_json
 
-OLD = "older results\n"
+OLD = "scene_id,im_id,obj_id,score,R,t,time\nolder results\n"
+OLD_REPLAY = "RRF2 older replay"
 
 
 @pytest.fixture
@@ -168,6 +169,13 @@ def test_outputs_that_would_overwrite_something(
     assert_one_error(track(capsys, dataset, parts, out, "--init", out), "results.csv", "overwrite")
     assert_one_error(track(capsys, dataset, parts, out, "--replay", out), "results.csv", "same file")
     assert_one_error(track(capsys, dataset, parts, out, "--replay", dataset), "folder")
+    # Not an input that was named, but none of ours either.
+    truth = dataset / "test" / "000001" / "scene_gt.json"
+    before = truth.read_bytes()
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", truth)
+    assert_one_error(outcome, "--out would replace a file that is not results")
+    assert_one_error(track(capsys, dataset, parts, out, "--replay", truth), "--replay would replace")
+    assert truth.read_bytes() == before
     outcome = track(capsys, dataset, parts, out, "--replay", out / "below" / "a_file.rrd")
     assert_one_error(outcome, "a_file.rrd", "--replay")
     outcome = run(capsys, "track", dataset, "--parts", parts, "--out", dataset)
@@ -259,6 +267,6 @@ def test_a_start_pose_that_does_not_show_the_part(
             pose["cam_t_m2c"] = [5000.0, 0.0, 300.0]
 
     edit_json(dataset / "test" / "000001" / "scene_gt.json", move_away)
-    (tmp_path / "old.rrd").write_text(OLD)
+    (tmp_path / "old.rrd").write_text(OLD_REPLAY)
     assert_one_error(track(capsys, dataset, parts, out, "--replay", tmp_path / "old.rrd"), "start pose")
-    assert (tmp_path / "old.rrd").read_text() == OLD
+    assert (tmp_path / "old.rrd").read_text() == OLD_REPLAY

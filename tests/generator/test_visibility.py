@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -41,11 +43,26 @@ def test_logits_are_those_of_the_three_layers_for_samples_that_show() -> None:
     first = [max(0.0, float(w @ inputs + b)) for w, b in zip(network.weight1, network.bias1, strict=True)]
     second = [max(0.0, float(w @ first + b)) for w, b in zip(network.weight2, network.bias2, strict=True)]
     expected = [float(network.weight3[k] @ second + network.bias3[k]) for k in (1, 3)]
-    logits, ids = network.logits(inputs, shows)
+    # Only those called free come back; a bias makes it all of them.
+    lifted = replace(network, bias3=network.bias3 + 100.0)
+    ids, logits = lifted.free(inputs, shows, 10)
     np.testing.assert_array_equal(ids, [4, 9])
-    np.testing.assert_allclose(logits, expected, rtol=1e-5)
-    none, ids = network.logits(inputs, np.zeros(12, bool))
+    np.testing.assert_allclose(logits - 100.0, expected, rtol=1e-4, atol=1e-4)
+    ids, none = network.free(inputs, np.zeros(12, bool), 10)
     assert len(none) == len(ids) == 0
+
+
+def test_the_first_free_samples_are_those_of_all_logits() -> None:
+    rows = np.arange(400)
+    network = random_network(rows)
+    network = replace(network, bias3=np.random.default_rng(1).normal(0.0, 5.0, 400).astype(np.float32))
+    inputs, shows = np.linspace(-1.0, 1.0, 8).astype(np.float32), np.random.default_rng(2).random(400) < 0.7
+    every = network.weight3 @ network.hidden(inputs) + network.bias3
+    free = np.flatnonzero(shows & (every > 0.0))
+    for count in (0, 1, 7, 60, len(free), 1000):
+        ids, logits = network.free(inputs, shows, count)
+        np.testing.assert_array_equal(ids, free[:count])
+        np.testing.assert_allclose(logits, every[free[:count]], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("region", ALL_REGIONS, ids=lambda region: region.name)
