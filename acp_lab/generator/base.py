@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
@@ -118,6 +119,5 @@ def generate_edges(
         GeometryError: the control points are degenerate (three collinear, folded, coincident).
     """
     cam_T_obj = solve_planar_pnp(points_obj, control_points, camera).nearest(prior)
-    eye_obj = -cam_T_obj[:3, :3].T @ cam_T_obj[:3, 3]
-    region = choose_region(eye_obj - box_centre, half_size)
+    region = choose_region(eye_position(cam_T_obj) - box_centre, half_size)
     return project_samples(generator.edges, generator.visible(cam_T_obj, region, count), cam_T_obj, camera)

@@ -15,7 +15,7 @@ import numpy as np
 from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, image_tangents
+from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, image_tangents, project_samples
 from acp_lab.geometry.camera import Camera
 from acp_lab.tracking.contour_offsets import ContourOffsets, ExpectedOffsets
 from acp_lab.tracking.image_edges import (
@@ -301,10 +301,7 @@ class Aligner:
 
     def generated(self, alignment: Alignment, camera: Camera) -> GeneratedEdges:
         """The edge points of an alignment at its final pose."""
-        edges, visible, pose = self.generator.edges, alignment.observation.visible, alignment.cam_T_obj
-        points_cam = edges.points_obj[visible.ids] @ pose[:3, :3].T + pose[:3, 3]
-        tangents = image_tangents(points_cam, edges.tangents_obj[visible.ids] @ pose[:3, :3].T, camera)
-        return GeneratedEdges(camera.project(points_cam), tangents, visible.weights, visible.ids)
+        return project_samples(self.generator.edges, alignment.observation.visible, alignment.cam_T_obj, camera)
 
     def _distances(self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray) -> np.ndarray:
         """(n, m) px along the normals from the samples at another pose (4, 4) to the candidates."""

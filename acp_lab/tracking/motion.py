@@ -34,11 +34,18 @@ class ConstantVelocity:
             raise ValueError("no pose observed yet: call restart first")
         return self._last
 
+    @property
+    def moves(self) -> bool:
+        """Whether a motion is known, so that `predict` differs from `last`."""
+        return self._before is not None
+
     def predict(self) -> np.ndarray:
         """(4, 4) pose expected in the next frame."""
         last, before = self.last, self._before
         if before is None:
             return last.copy()
+        # Through the logarithm, which makes it a rotation again: as a bare product, rounding errors
+        # would more than double from frame to frame.
         spin = so3_exp(so3_log(last[:3, :3] @ before[:3, :3].T))
         now = centre_position(last, self._centre_obj)
         centre = 2.0 * now - centre_position(before, self._centre_obj)

@@ -201,11 +201,13 @@ class Tracker:
 
     def _second_try(self, frame: Frame, first: Alignment | None, clock: Stopwatch) -> Alignment | None:
         """From where the part was last and from poses around there; from far around when it is lost."""
-        last = self._motion.last
-        best = _better(first, self._attempt(frame, last, clock))
+        last, best = self._motion.last, first
         patch = self._patch(frame, last, clock)
         if patch is None:
             return best
+        if self._motion.moves:  # else the first try began there
+            again = self.aligner.align(patch, frame.camera, last, self._region, clock)
+            best = _better(best, self._plausible(again))
         if best is None or best.quality < self.config.third_try_below * self._mean_quality:
             starts = shifted_poses(last, self.part.box_centre, frame.camera, self.config.shift_px)
             best = _better(best, self._plausible(try_poses(self.aligner, patch, frame.camera, starts, self._region)))
