@@ -20,7 +20,9 @@ from acp_lab.errors import AcpLabError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
+    from acp_lab.display.explain_plot import explain
     from acp_lab.display.replay import Replay
+    from acp_lab.display.viewer import show
     from acp_lab.evaluation import evaluate
     from acp_lab.geometry.camera import Camera
     from acp_lab.preparation import prepare
@@ -39,8 +41,10 @@ __all__ = [
     "Tracker",
     "__version__",
     "evaluate",
+    "explain",
     "open_sequence",
     "prepare",
+    "show",
 ]
 
 _HOME = {
@@ -50,8 +54,10 @@ _HOME = {
     "Replay": "acp_lab.display.replay",
     "Tracker": "acp_lab.tracking.tracker",
     "evaluate": "acp_lab.evaluation",
+    "explain": "acp_lab.display.explain_plot",
     "open_sequence": "acp_lab.sequences",
     "prepare": "acp_lab.preparation",
+    "show": "acp_lab.display.viewer",
 }
 
 

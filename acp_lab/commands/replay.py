@@ -1,45 +1,87 @@
-"""`acp-lab replay`: opens replays in the rerun viewer."""
+"""`acp-lab replay`: opens replays in the rerun viewer, two of them side by side, or makes films of them."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from acp_lab.commands import console
 from acp_lab.errors import AcpLabError, InputFileError
 
-_RRD_START = (b"RRF", b"RRI")
+if TYPE_CHECKING:
+    from acp_lab.display.replay_file import ReplayContent, ReplayFile
 
 
 def show_replays(files: tuple[Path, ...], mp4: Path | None = None) -> int:
-    """Open the viewer on one or two replays and wait until it is closed; the viewer's exit status."""
-    if mp4 is not None:
-        raise AcpLabError(f"--mp4 {mp4}: films are not built yet: open the replay without --mp4")
+    """Open the viewer on one or two replays and wait until it is closed; the viewer's exit status.
+
+    mp4: write a film there instead. A replay that its run did not close is shown as far as it goes, and a
+    warning says how far that is.
+    """
     if len(files) > 2:
         raise InputFileError(f"{files[2]}: one replay too many: give one, or two to compare")
-    for file in files:
-        check_replay(file)
+    from acp_lab.display.replay_file import check_replay
+
+    replays = [check_replay(file) for file in files]
+    if mp4 is not None:
+        return _make_film(replays, mp4)
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise AcpLabError(
-            f"{files[0]}: there is no display to open the viewer on: in a browser it opens with "
-            f"rerun --web-viewer --bind 127.0.0.1 {' '.join(map(str, files))}"
+            f"{files[0]}: there is no display to open the viewer on: make a film with --mp4 FILE, or open it in a "
+            f"browser with rerun --web-viewer --bind 127.0.0.1 {' '.join(map(str, files))}"
         )
+    return _show_one(replays[0]) if len(replays) == 1 else _compare(replays)
+
+
+def _show_one(replay: ReplayFile) -> int:
+    from acp_lab.display.replay_file import readable
+
+    if not replay.is_complete:
+        _read(replay)
+    with readable(replay) as path:
+        return _open_viewer(path)
+
+
+def _compare(replays: list[ReplayFile]) -> int:
+    from acp_lab.display.replay_file import merge_replays
+
+    contents = dict(zip("ab", map(_read, replays), strict=True))
+    if contents["a"].scenes != contents["b"].scenes:
+        console.warn("the two replays show different sequences: frame k of one stands beside frame k of the other")
+    with tempfile.TemporaryDirectory(prefix="acp_lab_replay_") as folder:
+        both = Path(folder) / "comparison.rrd"
+        merge_replays(contents, both)
+        return _open_viewer(both)
+
+
+def _make_film(replays: list[ReplayFile], mp4: Path) -> int:
+    from acp_lab.display.overlay_video import write_film
+
+    if mp4.is_dir():
+        raise InputFileError(f"{mp4}: is a folder: --mp4 needs a file name")
+    if mp4.suffix.lower() != ".mp4":
+        raise InputFileError(f"{mp4}: --mp4 writes MP4 only: name it {mp4.with_suffix('.mp4').name}")
+    if any(mp4.resolve() == replay.path.resolve() for replay in replays):
+        raise InputFileError(f"{mp4}: --mp4 would overwrite the replay: choose another file")
+    frames = write_film([_read(replay) for replay in replays], mp4, console.Progress())
+    print(f"{mp4}: written, {frames} frames")
+    return 0
+
+
+def _read(replay: ReplayFile) -> ReplayContent:
+    from acp_lab.display.replay_file import read_replay
+
+    content = read_replay(replay)
+    if content.loss:
+        console.warn(content.loss)
+    return content
+
+
+def _open_viewer(path: Path) -> int:
     # Without --bind the viewer would listen on all network interfaces.
-    command = [sys.executable, "-m", "rerun", *map(str, files), "--bind", "127.0.0.1"]
+    command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
     return subprocess.run(command, check=False, stderr=sys.stderr).returncode
-
-
-def check_replay(file: Path) -> None:
-    """Raise InputFileError when a file is no rerun recording."""
-    try:
-        with file.open("rb") as stream:
-            start = stream.read(4)
-    except FileNotFoundError:
-        raise InputFileError(f"{file}: no such replay: acp-lab track --replay {file} writes one") from None
-    except OSError as error:
-        raise InputFileError(f"{file}: cannot be read ({error.strerror}): give a replay, a .rrd file") from None
-    if not start:
-        raise InputFileError(f"{file}: the file is empty: write it again with acp-lab track --replay")
-    if not start.startswith(_RRD_START):
-        raise InputFileError(f"{file}: is no replay: acp-lab track --replay FILE.rrd writes one")

@@ -39,6 +39,11 @@ def residual_colours(residuals_px: NDArray[np.float64]) -> NDArray[np.float64]:
     return colours
 
 
+def lighter(colour: tuple[float, ...], share: float = 0.5) -> tuple[float, ...]:
+    """A colour in [0, 1] mixed with white, of which it then holds a share."""
+    return tuple((1.0 - share) * channel + share for channel in colour)
+
+
 def to_bytes(colours: NDArray[np.float64] | tuple[float, ...]) -> NDArray[np.uint8]:
     """Colours in [0, 1] as uint8, same shape."""
     return np.round(255.0 * np.asarray(colours, dtype=np.float64)).astype(np.uint8)

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from acp_lab.tracking.observer import Observer, SessionInfo, Timings, TrackedObject, TrackResult, TrackState
+from acp_lab.tracking.observer import (
+    Observer,
+    SessionInfo,
+    TargetView,
+    Timings,
+    TrackedObject,
+    TrackResult,
+    TrackState,
+    TrackStep,
+)
 from acp_lab.tracking.session import PartTracker, TrackRun, track_sequence
 from acp_lab.tracking.tracker import Tracker, TrackerConfig
 
@@ -10,10 +19,12 @@ __all__ = [
     "Observer",
     "PartTracker",
     "SessionInfo",
+    "TargetView",
     "Timings",
     "TrackResult",
     "TrackRun",
     "TrackState",
+    "TrackStep",
     "TrackedObject",
     "Tracker",
     "TrackerConfig",

@@ -7,8 +7,7 @@ search and the capture range sigma (paper IV-B's alpha, annealed).
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from acp_lab.tracking.image_edges import (
 )
 from acp_lab.tracking.loss import robust_loss, soft_assignment
 from acp_lab.tracking.memory import EdgeMemory
+from acp_lab.tracking.observer import TargetView, TrackStep
 from acp_lab.tracking.optimiser import (
     centre_position,
     control_point_jacobian,
@@ -36,6 +36,7 @@ from acp_lab.tracking.optimiser import (
     step_jacobian,
 )
 from acp_lab.tracking.reliability import SampleReliability
+from acp_lab.tracking.stopwatch import Stopwatch
 
 # Fewer visible samples than this cannot fix six degrees of freedom with any safety.
 MIN_SAMPLES = 12
@@ -88,24 +89,6 @@ class SolverConfig:
     quality_sigma_px: float = 1.5
 
 
-@dataclass
-class Stopwatch:
-    """Wall seconds by stage."""
-
-    image_s: float = 0.0
-    generate_s: float = 0.0
-    search_s: float = 0.0
-    solve_s: float = 0.0
-    learn_s: float = 0.0
-    _last: float = field(default_factory=time.perf_counter)
-
-    def lap(self) -> float:
-        """Seconds since the last lap."""
-        now = time.perf_counter()
-        elapsed, self._last = now - self._last, now
-        return elapsed
-
-
 @dataclass(frozen=True)
 class Observation:
     """What the image shows around the edges generated at one pose.
@@ -121,6 +104,7 @@ class Observation:
         trust: (n,) weight of each sample, from how well its offset is known and how steadily it was found.
         jacobian: (n, 6) of motion along the normals, control_jacobian: (8, 6) of the control points, by a pose
             step; taken at this pose, they serve for all steps of a level.
+        patch: the part of the image that was searched.
     """
 
     visible: VisibleSamples
@@ -133,6 +117,16 @@ class Observation:
     trust: np.ndarray
     jacobian: np.ndarray
     control_jacobian: np.ndarray
+    patch: ImagePatch
+
+    def target(self, min_score: float) -> TargetView:
+        """The image edges that were found, those with scores above `min_score`, whatever the memory said of them."""
+        rows, columns = np.nonzero(self.candidates.scores > min_score)
+        offsets = self.candidates.offsets[rows, columns]
+        height, width = self.patch.channels.shape[:2]
+        return TargetView(
+            self.points[rows] + offsets[:, None] * self.normals[rows], self.patch.origin, (width, height)
+        )
 
 
 @dataclass(frozen=True)
@@ -147,6 +141,7 @@ class Alignment:
         found: (n,) in [0, 1], its score times its nearness.
         loss: e(I), see `loss.robust_loss`.
         iterations: Gauss-Newton steps taken.
+        steps: each of them, when the aligner's `records_steps` is set.
     """
 
     cam_T_obj: np.ndarray
@@ -156,6 +151,7 @@ class Alignment:
     found: np.ndarray
     loss: float
     iterations: int
+    steps: tuple[TrackStep, ...] = ()
 
     @property
     def quality(self) -> float:
@@ -188,6 +184,7 @@ class Aligner:
         self.reliability = reliability
         self.search = search
         self.solver = solver
+        self.records_steps = False
         self.control_points_obj = [mid_section_points(part.box_min, part.box_max, r.axis) for r in ALL_REGIONS]
         low, high = part.box_min, part.box_max
         self._corners = np.array(
@@ -251,6 +248,7 @@ class Aligner:
             expected.weights * self.reliability.weights(visible.ids, visible.outline),
             step_jacobian(points_cam, directions, centre_cam),
             control_point_jacobian(control_cam, centre_cam, camera),
+            patch,
         )
 
     def align(
@@ -266,8 +264,9 @@ class Aligner:
         """The pose near `cam_T_obj` whose edges fit the frame; None when the part cannot be seen there."""
         solver, iterations = self.solver, 0
         pose, observation = cam_T_obj, None
+        steps: list[TrackStep] = []
         scale = self._level_scale(camera, cam_T_obj)
-        for level in levels or solver.levels:
+        for number, level in enumerate(levels or solver.levels):
             level = level.scaled(scale)
             observation = self.observe(patch, camera, pose, region, level, clock, use_memory)
             if observation is None:
@@ -277,9 +276,11 @@ class Aligner:
                 if moved is None:
                     return None
                 pose, iterations = moved, iterations + 1
+                if self.records_steps:
+                    steps.append(self._recorded(observation, camera, pose, region, number))
             clock.solve_s += clock.lap()
         assert observation is not None, "at least one level is needed"
-        alignment = self.judge(observation, camera, pose, iterations)
+        alignment = replace(self.judge(observation, camera, pose, iterations), steps=tuple(steps))
         clock.solve_s += clock.lap()
         # Not finite where the last step put some samples behind the camera.
         return alignment if np.isfinite(alignment.loss) else None
@@ -299,9 +300,20 @@ class Aligner:
         loss = robust_loss(distances, observation.scores, sigma, self.solver.outlier)
         return Alignment(cam_T_obj, observation, distances, best, fit[np.arange(len(fit)), best], loss, iterations)
 
+    def control_points(self, camera: Camera, cam_T_obj: np.ndarray, region: int) -> np.ndarray:
+        """(4, 2) px: I, the region's W seen at a pose (4, 4)."""
+        return camera.project(self.control_points_obj[region] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3])
+
     def generated(self, alignment: Alignment, camera: Camera) -> GeneratedEdges:
         """The edge points of an alignment at its final pose."""
         return project_samples(self.generator.edges, alignment.observation.visible, alignment.cam_T_obj, camera)
+
+    def _recorded(
+        self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray, region: int, level: int
+    ) -> TrackStep:
+        distances = self._distances(observation, camera, cam_T_obj)
+        loss = robust_loss(distances, observation.scores, self.solver.quality_sigma_px, self.solver.outlier)
+        return TrackStep(self.control_points(camera, cam_T_obj, region), cam_T_obj, loss, level)
 
     def _distances(self, observation: Observation, camera: Camera, cam_T_obj: np.ndarray) -> np.ndarray:
         """(n, m) px along the normals from the samples at another pose (4, 4) to the candidates."""

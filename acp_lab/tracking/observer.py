@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -39,6 +40,40 @@ class Timings:
     total_s: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class TrackStep:
+    """One iteration inside a frame.
+
+    Attributes:
+        control_points: (4, 2) px, I after the step.
+        cam_T_obj: (4, 4) mm, the pose after the step.
+        loss: e(I) after the step, the same function as `TrackResult.loss`, on the candidates of the step's level.
+        level: coarse-to-fine level that it belongs to, from 0.
+    """
+
+    control_points: np.ndarray
+    cam_T_obj: np.ndarray
+    loss: float
+    level: int
+
+
+@dataclass(frozen=True, eq=False)
+class TargetView:
+    """Where a method looked in the image, and what it found there to hold the generated edges against.
+
+    Attributes:
+        edge_points: (m, 2) px of the full image: the image edges.
+        origin: (x, y) px of the crop's first pixel in the full image.
+        size: (w, h) px of the crop.
+        distance_map: (h, w) float32 px to the nearest image edge, of the crop; None where the method has none.
+    """
+
+    edge_points: np.ndarray
+    origin: tuple[int, int]
+    size: tuple[int, int]
+    distance_map: np.ndarray | None = None
+
+
 @dataclass(frozen=True)
 class TrackResult:
     """The pose of one part in one frame.
@@ -57,6 +92,9 @@ class TrackResult:
         iterations: Gauss-Newton steps taken.
         timings: wall seconds per stage.
         note: reason of a state change or of an unreadable frame, empty otherwise.
+        steps: the iterations that led to the pose, in their order; empty unless the tracker's `records_steps`
+            is set.
+        target: what was found in the image; None unless the tracker's `records_target` is set.
     """
 
     frame_id: int
@@ -71,30 +109,53 @@ class TrackResult:
     iterations: int
     timings: Timings
     note: str = ""
+    steps: tuple[TrackStep, ...] = ()
+    target: TargetView | None = None
 
 
 @dataclass(frozen=True)
 class TrackedObject:
-    """One object of a tracking session: its id in the data set and its CAD part."""
+    """One object of a tracking session.
+
+    Attributes:
+        object_id: in the data set.
+        part: its CAD model.
+        control_points_obj: (4, 3) mm per view region 0..5, the method's W; empty where a method has none.
+    """
 
     object_id: int
     part: Part
+    control_points_obj: tuple[np.ndarray, ...] = field(default=(), compare=False)
 
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """What observers learn before the first frame."""
+    """What observers learn before the first frame.
+
+    Attributes:
+        name: of the sequence; scene_id: its id in results; method: such as "acp".
+        objects: that are tracked.
+        truth: truth(frame_id, object_id) -> (4, 4) pose or None; for display only, never seen by a tracker.
+        frame_count: frames that the sequence announces, 0 where it announces none.
+        image_path: image_path(frame_id) -> the file that a frame's image was decoded from, unaltered but for the
+            decoding, or None.
+    """
 
     name: str
     scene_id: int
     method: str
     objects: tuple[TrackedObject, ...]
     truth: Callable[[int, int], np.ndarray | None] | None = field(default=None, compare=False)
-    """truth(frame_id, object_id) -> (4, 4) pose or None; for display only, never seen by a tracker."""
+    frame_count: int = 0
+    image_path: Callable[[int], Path | None] | None = field(default=None, compare=False)
 
 
 class Observer(Protocol):
-    """Listens to a tracking session; called once per frame after all parts were tracked."""
+    """Listens to a tracking session; called once per frame after all parts were tracked.
+
+    An observer that wants the iterations inside a frame has an attribute `wants_steps` that is true, one that
+    wants to see what the image showed `wants_target`; both cost time, so they are off unless somebody asks.
+    """
 
     def on_start(self, session: SessionInfo) -> None:
         """Called before the first frame."""

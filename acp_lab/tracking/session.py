@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -18,9 +19,15 @@ from acp_lab.tracking.observer import Observer, SessionInfo, TrackedObject, Trac
 
 
 class PartTracker(Protocol):
-    """What every method offers: start with a pose, then follow."""
+    """What every method offers: start with a pose, then follow.
+
+    records_steps, records_target: whether results carry `steps` and `target`; the frame loop sets them while
+    observers want to see these.
+    """
 
     part: Part
+    records_steps: bool
+    records_target: bool
 
     def start(self, frame: Frame, cam_T_obj: np.ndarray) -> TrackResult:
         """Begin at a pose (4, 4) in the first frame."""
@@ -33,17 +40,30 @@ class PartTracker(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class TrackRun:
-    """All results of one session, without the images.
+    """All results of one session, and what is needed to look at them again; the images stay in the sequence.
 
     Attributes:
         name: of the sequence; scene_id: its id in results; method: such as "acp".
-        results: per object id, one result per frame in order.
+        results: per object id, one result per frame in order. Target views are kept only of trackers whose
+            `records_target` was set beforehand: they are large.
+        sequence: that was tracked, to read its frames again.
+        session: what observers were told of it: objects, truth, where the images are.
+        starts: (4, 4) start poses, per object id.
     """
 
     name: str
     scene_id: int
     method: str
     results: Mapping[int, tuple[TrackResult, ...]]
+    sequence: Sequence | None = None
+    session: SessionInfo | None = None
+    starts: Mapping[int, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> Mapping[int, Part]:
+        """The CAD parts by object id; empty for a run that was not made by `track_sequence`."""
+        objects = () if self.session is None else self.session.objects
+        return {tracked.object_id: tracked.part for tracked in objects}
 
     @property
     def rows(self) -> tuple[ResultRow, ...]:
@@ -97,14 +117,16 @@ def track_sequence(
     without = sorted(set(trackers) - set(starts))
     if without:
         raise SequenceError(f"{sequence.name}: no start pose for object {without[0]}; give one for each tracker")
-    tracked = tuple(TrackedObject(object_id, tracker.part) for object_id, tracker in trackers.items())
-    info = SessionInfo(sequence.name, sequence.scene_id, method, tracked, sequence.truth)
+    info = _session_info(trackers, sequence, max_frames, method)
     with ExitStack() as at_the_end:
         # Also after Ctrl-C, and each whatever the others do: files are closed and keep what was tracked.
         for observer in reversed(listening):
             at_the_end.callback(observer.on_end)
         for observer in listening:
             observer.on_start(info)
+        keeps_target = {object_id: getattr(tracker, "records_target", False) for object_id, tracker in trackers.items()}
+        for tracker in trackers.values():
+            _record_for(listening, tracker, at_the_end)
         for number, frame in enumerate(sequence.frames(max_frames)):
             of_frame: dict[int, TrackResult] = {}
             for object_id, tracker in trackers.items():
@@ -114,9 +136,51 @@ def track_sequence(
                     raise SequenceError(f"{frame.reason}: the first frame must be readable, tracking starts there")
                 else:
                     of_frame[object_id] = tracker.start(frame, starts[object_id])
-                results[object_id].append(of_frame[object_id])
+                kept = of_frame[object_id]
+                results[object_id].append(kept if keeps_target[object_id] else replace(kept, target=None))
             for observer in listening:
                 observer.on_frame(frame, of_frame)
     if not any(results.values()):
         raise SequenceError(f"{sequence.name}: there is no frame to track")
-    return TrackRun(sequence.name, sequence.scene_id, method, {k: tuple(v) for k, v in results.items()})
+    return TrackRun(
+        sequence.name,
+        sequence.scene_id,
+        method,
+        {object_id: tuple(of_object) for object_id, of_object in results.items()},
+        sequence,
+        info,
+        {object_id: starts[object_id] for object_id in trackers},
+    )
+
+
+def _session_info(
+    trackers: Mapping[int, PartTracker], sequence: Sequence, max_frames: int | None, method: str
+) -> SessionInfo:
+    tracked = tuple(
+        TrackedObject(object_id, tracker.part, tuple(getattr(tracker, "control_points_obj", ())))
+        for object_id, tracker in trackers.items()
+    )
+    count = len(sequence.frame_ids)
+    return SessionInfo(
+        sequence.name,
+        sequence.scene_id,
+        method,
+        tracked,
+        sequence.truth,
+        count if max_frames is None else min(count, max_frames),
+        image_path_of(sequence),
+    )
+
+
+def image_path_of(sequence: Sequence) -> Callable[[int], Path | None] | None:
+    """For `SessionInfo.image_path`: data sets keep one file per image id and alter nothing."""
+    paths = getattr(sequence, "image_paths", None)
+    return paths.get if isinstance(paths, Mapping) else None
+
+
+def _record_for(observers: tuple[Observer, ...], tracker: PartTracker, at_the_end: ExitStack) -> None:
+    """Let a tracker record what some observer wants to see, and put it back at the end."""
+    for wish, switch in (("wants_steps", "records_steps"), ("wants_target", "records_target")):
+        if any(getattr(observer, wish, False) for observer in observers):
+            at_the_end.callback(setattr, tracker, switch, getattr(tracker, switch, False))
+            setattr(tracker, switch, True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
 from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
 from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.motion import ConstantVelocity
-from acp_lab.tracking.observer import Observer, Timings, TrackResult
+from acp_lab.tracking.observer import Observer, Timings, TrackResult, TrackStep
 from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.quality import StateConfig, StateMachine
 from acp_lab.tracking.recovery import shifted_poses, try_poses
@@ -66,13 +66,19 @@ class TrackerConfig:
 
 
 class Tracker:
-    """Tracks one prepared part: `start` with a pose, then `track` frame after frame."""
+    """Tracks one prepared part: `start` with a pose, then `track` frame after frame.
+
+    records_steps, records_target: whether results carry the iterations that led to them and the image edges
+    that were found; for those who look inside, off by default. They change nothing else.
+    """
 
     def __init__(self, model: PreparedPart, config: TrackerConfig | None = None) -> None:
         self.model = model
         self.config = config or TrackerConfig()
         self.part = model.part
         self.generator = model.best_generator()
+        self.records_steps = False
+        self.records_target = False
         self._half_size = 0.5 * self.part.box_size
         self._motion = ConstantVelocity(self.part.box_centre)
         self._new_memories()
@@ -81,6 +87,11 @@ class Tracker:
     def generator_name(self) -> str:
         """'learned' or 'templates': which t(I) is in use."""
         return self.generator.name
+
+    @property
+    def control_points_obj(self) -> tuple[np.ndarray, ...]:
+        """(4, 3) mm per view region 0..5: the control points W."""
+        return tuple(self.aligner.control_points_obj)
 
     @property
     def start_was_trusted(self) -> bool:
@@ -95,6 +106,7 @@ class Tracker:
         """
         begin, clock = time.perf_counter(), Stopwatch()
         self._new_memories()
+        self.aligner.records_steps = self.records_steps
         pose = np.array(cam_T_obj, np.float64)
         self._region = self._choose_region(pose, None)
         patch = self._patch(frame, pose, clock)
@@ -107,11 +119,12 @@ class Tracker:
                 f"in frame {frame.index} ({frame.camera.width}x{frame.camera.height}); check pose, unit and camera"
             )
         self._trusted = is_trusted(self.aligner, patch, frame.camera, pose, solved, self._region, self.config.start)
+        steps: tuple[TrackStep, ...] = ()
         if not self._trusted:
-            found = search_around(self.aligner, patch, frame.camera, pose, self._region, self.config.start)
-            pose = (found or solved).cam_T_obj
+            found = search_around(self.aligner, patch, frame.camera, pose, self._region, self.config.start) or solved
+            pose, steps = found.cam_T_obj, found.steps
         # Where the search left the image, stay with what was given.
-        alignment = self._look(patch, frame.camera, pose, clock) or solved
+        alignment = replace(self._look(patch, frame.camera, pose, clock) or solved, steps=steps)
         if self._trusted:
             seen = alignment.observation
             residuals = alignment.residuals_px(min_found=0.1)
@@ -131,6 +144,7 @@ class Tracker:
         if not self._started:
             raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
         begin, clock = time.perf_counter(), Stopwatch()
+        self.aligner.records_steps = self.records_steps
         predicted = self._motion.predict()
         if isinstance(frame, UnreadableFrame):
             self._motion.observe(predicted)
@@ -240,7 +254,7 @@ class Tracker:
         return TrackResult(
             frame_id=frame.index,
             cam_T_obj=pose,
-            control_points=self._control_points(frame.camera, pose),
+            control_points=self.aligner.control_points(frame.camera, pose, self._region),
             loss=alignment.loss,
             quality=min(max(alignment.quality, 0.0), 1.0),
             state=self._states.state,
@@ -250,12 +264,15 @@ class Tracker:
             iterations=alignment.iterations,
             timings=_timings(clock, frame.undistort_s, elapsed_s),
             note=note,
+            steps=alignment.steps,
+            target=alignment.observation.target(self.config.solver.min_score) if self.records_target else None,
         )
 
     def _blind(
         self, frame: Frame | UnreadableFrame, pose: np.ndarray, clock: Stopwatch, elapsed_s: float, note: str
     ) -> TrackResult:
-        points = np.full((4, 2), np.nan) if frame.camera is None else self._control_points(frame.camera, pose)
+        camera = frame.camera
+        points = np.full((4, 2), np.nan) if camera is None else self.aligner.control_points(camera, pose, self._region)
         return TrackResult(
             frame_id=frame.index,
             cam_T_obj=pose,
@@ -270,9 +287,6 @@ class Tracker:
             timings=_timings(clock, getattr(frame, "undistort_s", 0.0), elapsed_s),
             note=note,
         )
-
-    def _control_points(self, camera: Camera, pose: np.ndarray) -> np.ndarray:
-        return camera.project(self.aligner.control_points_obj[self._region] @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _better(first: Alignment | None, second: Alignment | None) -> Alignment | None:

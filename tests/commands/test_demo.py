@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from acp_lab.commands.demo import _spread, open_sample
-from acp_lab.commands.replay import check_replay
+from acp_lab.display.replay_file import check_replay
 from acp_lab.sequences import read_results
 from tests.cli_runner import assert_one_error, run
 
@@ -31,7 +31,7 @@ def test_the_demo(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     frames = len(open_sample().frame_ids)
     assert len(read_results(tmp_path / "results.csv")) == frames
     assert json.loads((tmp_path / "results.run.json").read_text())["complete"] is True
-    check_replay(tmp_path / "replay.rrd")
+    assert check_replay(tmp_path / "replay.rrd").is_complete
     assert (tmp_path / "summary.png").stat().st_size > 50_000
     for words in ("@2%", "ms per frame", "640 x 512", "one thread", "results.csv", "replay.rrd", "summary.png"):
         assert words in outcome.out, words

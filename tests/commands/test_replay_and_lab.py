@@ -1,4 +1,4 @@
-"""`acp-lab replay` and `acp-lab lab`: what they would start, and bad input; nothing is started here."""
+"""`acp-lab replay` and `acp-lab lab`: what they would start, films, and bad input; nothing is started here."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ import pytest
 
 import acp_lab
 from acp_lab.commands.lab import notebooks_folder
+from acp_lab.display.replay import Replay
+from acp_lab.display.replay_file import check_replay
 from tests.cli_runner import assert_one_error, run
+from tests.display.made_run import play
 
 
 @pytest.fixture
@@ -27,7 +30,9 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[str], dict[str, 
             return 0
 
     def start(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
-        calls.append((command, options))
+        # What is shown may be a copy that is gone afterwards.
+        shown = Path(command[3]).read_bytes() if "rerun" in command else b""
+        calls.append((command, {**options, "shown": shown}))
         return subprocess.CompletedProcess(command, 0)
 
     monkeypatch.setattr(subprocess, "Popen", Process)
@@ -39,7 +44,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[str], dict[str, 
 @pytest.fixture
 def replay(tmp_path: Path) -> Path:
     path = tmp_path / "run.rrd"
-    path.write_bytes(b"RRF2 and more")
+    play([Replay(path)])
     return path
 
 
@@ -50,6 +55,46 @@ def test_the_viewer_listens_on_this_machine_only(
     command = started[0][0]
     assert command[:4] == [sys.executable, "-m", "rerun", str(replay)]
     assert command[command.index("--bind") + 1] == "127.0.0.1"
+
+
+def test_two_replays_are_shown_as_one(
+    capsys: pytest.CaptureFixture[str], started: list[tuple[list[str], dict[str, Any]]], replay: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.rrd"
+    play([Replay(other)], with_truth=False)
+    done = run(capsys, "replay", replay, other)
+    assert done.status == 0
+    assert done.err == ""
+    ((command, options),) = started
+    assert command[3].endswith(".rrd")
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    assert options["shown"].startswith(b"RRF2")
+    assert not Path(command[3]).exists()
+
+
+def test_a_torn_replay_is_shown_as_far_as_it_goes(
+    capsys: pytest.CaptureFixture[str], started: list[tuple[list[str], dict[str, Any]]], replay: Path
+) -> None:
+    whole = replay.read_bytes()
+    torn = whole[: check_replay(replay).whole_bytes - 40]
+    replay.write_bytes(torn)
+    done = run(capsys, "replay", replay)
+    assert done.status == 0
+    (line,) = done.err.splitlines()
+    assert line.startswith("warning: ")
+    assert "did not close this replay" in line
+    ((_, options),) = started
+    assert 0 < len(options["shown"]) < len(torn)
+    assert torn.startswith(options["shown"])
+
+
+def test_a_film(capsys: pytest.CaptureFixture[str], replay: Path, tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    film = tmp_path / "film.mp4"
+    done = run(capsys, "replay", replay, "--mp4", film)
+    assert done.status == 0
+    assert "film.mp4: written, 4 frames" in done.out
+    assert film.read_bytes()[4:8] == b"ftyp"
 
 
 def test_bad_replays(
@@ -64,7 +109,8 @@ def test_bad_replays(
         assert_one_error(run(capsys, "replay", tmp_path / name), name)
     assert_one_error(run(capsys, "replay", tmp_path), str(tmp_path))
     assert_one_error(run(capsys, "replay", replay, replay, replay), "two")
-    assert_one_error(run(capsys, "replay", replay, "--mp4", tmp_path / "film.mp4"), "--mp4")
+    assert_one_error(run(capsys, "replay", replay, "--mp4", tmp_path), "--mp4")
+    assert_one_error(run(capsys, "replay", replay, "--mp4", tmp_path / "film.avi"), "film.mp4")
     assert started == []
 
 
@@ -72,7 +118,7 @@ def test_bad_replays(
 def test_without_a_display(capsys: pytest.CaptureFixture[str], replay: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert_one_error(run(capsys, "replay", replay), "display", "--web-viewer")
+    assert_one_error(run(capsys, "replay", replay), "display", "--web-viewer", "--mp4")
 
 
 def test_lab_opens_the_notebooks(

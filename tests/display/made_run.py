@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,15 +16,19 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import (
     Observer,
     SessionInfo,
+    TargetView,
     Timings,
     TrackedObject,
     TrackResult,
     TrackState,
+    TrackStep,
 )
 
 CAMERA = Camera(160, 128, 150.0, 150.0, 79.5, 63.5)
 FRAME_IDS = (0, 1, 3, 4)
 UNREADABLE_ID = 3
+STEPS = 3
+W = np.array([[-20.0, -15, 0], [20, -15, 0], [20, 15, 0], [-20, 15, 0]])
 
 
 def box(width: float = 40.0) -> Part:
@@ -43,8 +48,7 @@ def result(frame: Frame | UnreadableFrame, object_id: int) -> TrackResult:
     """One millimetre off in x; the fifth of the edge points has no image edge."""
     cam_T_obj = true_pose(frame.index, object_id)
     cam_T_obj[0, 3] += 1.0
-    corners = np.array([[-20.0, -15, 0], [20, -15, 0], [20, 15, 0], [-20, 15, 0]])
-    quad = CAMERA.project(transform(cam_T_obj, corners))
+    quad = CAMERA.project(transform(cam_T_obj, W))
     if isinstance(frame, UnreadableFrame):
         return TrackResult(
             frame.index, cam_T_obj, quad, 0.0, 0.0, TrackState.LOST, 0, None, None, 0, Timings(), frame.reason
@@ -53,8 +57,23 @@ def result(frame: Frame | UnreadableFrame, object_id: int) -> TrackResult:
     edges = GeneratedEdges(points, np.tile([1.0, 0.0], (9, 1)), np.ones(9), np.arange(9))
     residuals = np.linspace(-4.0, 4.0, 9)
     residuals[4] = np.nan
-    timings = Timings(total_s=0.006)
+    timings = Timings(search_s=0.003, total_s=0.006)
     return TrackResult(frame.index, cam_T_obj, quad, 1.5, 0.8, TrackState.TRACKING, 2, edges, residuals, 10, timings)
+
+
+def recorded(frame: Frame | UnreadableFrame, object_id: int) -> TrackResult:
+    """The same with the iterations that led there, from 3 mm away, and with what was found in the image."""
+    found = result(frame, object_id)
+    if isinstance(frame, UnreadableFrame):
+        return found
+    steps = []
+    for left in range(STEPS - 1, -1, -1):
+        pose = found.cam_T_obj.copy()
+        pose[0, 3] += left
+        steps.append(TrackStep(CAMERA.project(transform(pose, W)), pose, 1.5 + left, STEPS - 1 - left))
+    distances = np.hypot(*np.meshgrid(np.arange(40.0) - 20, np.arange(30.0) - 15)).astype(np.float32)
+    target = TargetView(found.control_points + 0.25, (60, 50), (40, 30), distances)
+    return replace(found, steps=tuple(steps), target=target)
 
 
 def frames() -> Iterable[Frame | UnreadableFrame]:
@@ -67,15 +86,20 @@ def frames() -> Iterable[Frame | UnreadableFrame]:
             yield Frame(frame_id, image, CAMERA)
 
 
-def play(observers: Iterable[Observer], object_ids: tuple[int, ...] = (1,), with_truth: bool = True) -> None:
+def play(
+    observers: Iterable[Observer],
+    object_ids: tuple[int, ...] = (1,),
+    with_truth: bool = True,
+    results: Callable[[Frame | UnreadableFrame, int], TrackResult] = result,
+) -> None:
     """One session from start to end."""
     observers = tuple(observers)
     tracked = tuple(TrackedObject(object_id, box()) for object_id in object_ids)
     truth = true_pose if with_truth else None
     for observer in observers:
-        observer.on_start(SessionInfo("made/test/000001", 1, "acp", tracked, truth))
+        observer.on_start(SessionInfo("made/test/000001", 1, "acp", tracked, truth, len(FRAME_IDS)))
     for frame in frames():
         for observer in observers:
-            observer.on_frame(frame, {object_id: result(frame, object_id) for object_id in object_ids})
+            observer.on_frame(frame, {object_id: results(frame, object_id) for object_id in object_ids})
     for observer in observers:
         observer.on_end()

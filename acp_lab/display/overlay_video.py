@@ -1,0 +1,203 @@
+"""A replay as a film that every browser plays: the frames with what was tracked drawn over them (H.264, MP4).
+
+Below the image stand, per object, its state, the quality, ADD where truth is known, and the curve of the quality
+over the whole film with a mark for now. Two replays run beside each other.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from acp_lab.display.colours import OBJECT_COLOURS, lighter, to_bytes
+from acp_lab.display.replay_curves import STATE_COLOURS
+from acp_lab.display.replay_file import ReplayContent
+from acp_lab.display.replay_frames import ShownFrame, ShownObject, fps_of, shown_frames
+from acp_lab.errors import AcpLabError, InputFileError
+from acp_lab.geometry.arrays import ByteImage
+from acp_lab.tracking.observer import TrackState
+
+if TYPE_CHECKING:
+    from PIL import ImageDraw
+
+Progress = Callable[[str, int, int], None]
+
+PANEL_WIDTH = 1024
+"""Smaller images are enlarged to about this, so that lines and words are smooth."""
+ROW_HEIGHT = 52
+FONT_SIZE = 22
+WORDS_AT = 150
+LEAST_CURVE = 90
+CRF = 21  # H.264's constant quality: 18 is visually lossless, 23 is libx264's own choice
+BACKGROUND = (24, 26, 31)
+TEXT = (232, 232, 232)
+FAINT = (120, 124, 132)
+_SHIFT = 4  # fractional bits of cv2's coordinates
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One replay in the film: its frames, the names of its objects, and the size of its images on the screen."""
+
+    frames: list[ShownFrame]
+    names: tuple[str, ...]
+    title: str
+    width: int
+    height: int
+    scale: float
+
+
+def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress | None = None) -> int:
+    """Write one or two replays as an MP4 file, whole or not at all; the number of frames.
+
+    Raises AcpLabError without PyAV, InputFileError for a replay without images and for a place that cannot be
+    written.
+    """
+    try:
+        import av
+    except ImportError:
+        raise AcpLabError(f"{path}: films need PyAV: pip install av") from None
+    panels = [_panel(content, "AB"[order] if len(contents) > 1 else "") for order, content in enumerate(contents)]
+    count = max(len(panel.frames) for panel in panels)
+    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as film:
+            rate = Fraction(fps_of(panels[0].frames)).limit_denominator(1000)
+            stream = film.add_stream("libx264", rate=rate, options={"crf": str(CRF), "preset": "veryfast"})
+            stream.pix_fmt = "yuv420p"
+            for number in range(count):
+                picture = _even(_joined([_drawn(panel, number) for panel in panels]))
+                if number == 0:
+                    stream.height, stream.width = picture.shape[:2]
+                film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+                if progress is not None:
+                    progress("film", number + 1, count)
+            film.mux(stream.encode(None))
+        os.replace(part, path)
+    except OSError as error:
+        raise InputFileError(f"{path}: the film cannot be written ({error.strerror}): choose another place") from None
+    finally:
+        with suppress(OSError):
+            part.unlink()
+    return count
+
+
+def _panel(content: ReplayContent, title: str) -> _Panel:
+    frames = shown_frames(content)
+    first = next((frame.jpeg for frame in frames if frame.jpeg is not None), None)
+    if first is None:
+        raise InputFileError(f"{content.file.path}: holds no image: no film can be made of it")
+    height, width = _decode(first).shape[:2]
+    scale = max(1.0, round(2 * PANEL_WIDTH / width) / 2)
+    return _Panel(frames, content.objects, title, round(scale * width), round(scale * height), scale)
+
+
+def _drawn(panel: _Panel, number: int) -> ByteImage:
+    """Frame `number` of a panel, or its last one, with its captions below."""
+    number = min(number, len(panel.frames) - 1)
+    frame = panel.frames[number]
+    readable = frame.jpeg is not None
+    jpeg = next(f.jpeg for f in [*reversed(panel.frames[: number + 1]), *panel.frames] if f.jpeg is not None)
+    large = cv2.resize(_decode(jpeg), (panel.width, panel.height), interpolation=cv2.INTER_CUBIC)
+    picture = np.asarray(large if readable else large // 3, np.uint8)
+    for order, name in enumerate(panel.names):
+        if name in frame.objects:
+            _draw_object(picture, frame.objects[name], lighter(OBJECT_COLOURS[order % len(OBJECT_COLOURS)], 0.3), panel)
+    return np.vstack([picture, _captions(panel, number)])
+
+
+def _draw_object(picture: ByteImage, shown: ShownObject, colour: tuple[float, ...], panel: _Panel) -> None:
+    strokes = _fixed(shown.strokes, panel.scale)
+    rgb = shown.colours.tolist()
+    # A dark rim keeps light strokes legible on bright metal.
+    cv2.polylines(picture, list(strokes), False, (20, 20, 20), 4, cv2.LINE_AA, _SHIFT)
+    for stroke, of_stroke in zip(strokes, rgb, strict=True):
+        cv2.polylines(picture, [stroke], False, of_stroke, 2, cv2.LINE_AA, _SHIFT)
+    if shown.quad is not None and np.isfinite(shown.quad).all() and np.abs(shown.quad).max() < 1e5:
+        own = to_bytes(colour).tolist()
+        quad = _fixed(shown.quad[None], panel.scale)[0]
+        cv2.polylines(picture, [quad], True, own, 1, cv2.LINE_AA, _SHIFT)
+        for corner in quad:
+            cv2.circle(picture, corner.tolist(), 5 << _SHIFT, own, -1, cv2.LINE_AA, _SHIFT)
+
+
+def _captions(panel: _Panel, number: int) -> ByteImage:
+    """One row per object: state, words, curve."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    canvas = Image.new("RGB", (panel.width, ROW_HEIGHT * len(panel.names)), BACKGROUND)
+    draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(FONT_SIZE)
+    frame = panel.frames[number]
+    for row, name in enumerate(panel.names):
+        shown = frame.objects.get(name, ShownObject())
+        top, middle = row * ROW_HEIGHT, row * ROW_HEIGHT + ROW_HEIGHT // 2
+        state = next((state for state in TrackState if state == shown.state), None)
+        chip = to_bytes(STATE_COLOURS[state]).tolist() if state else list(FAINT)
+        draw.rounded_rectangle((12, top + 10, 132, top + ROW_HEIGHT - 10), 6, fill=tuple(chip))
+        draw.text((72, middle), shown.state or "-", (255, 255, 255), font, anchor="mm")
+        words = [f"image {frame.image_id}" if frame.jpeg is not None else f"image {frame.image_id}: unreadable"]
+        if len(panel.names) > 1:
+            words.insert(0, name)
+        if panel.title:
+            words.insert(0, panel.title)
+        if math.isfinite(shown.quality):
+            words.append(f"quality {shown.quality:.2f}")
+        if math.isfinite(shown.add_percent):
+            words.append(f"ADD {shown.add_percent:.1f} %")
+        said = "     ".join(words)
+        draw.text((WORDS_AT, middle), said, TEXT, font, anchor="lm")
+        left = max(0.68 * panel.width, WORDS_AT + draw.textlength(said, font) + 20.0)
+        if panel.width - left > LEAST_CURVE:
+            _draw_curve(draw, panel, name, number, round(left), top)
+    return np.asarray(canvas)
+
+
+def _draw_curve(draw: ImageDraw.ImageDraw, panel: _Panel, name: str, number: int, left: int, top: int) -> None:
+    """The quality over the whole film, from 0 at the bottom to 1 at the top, from `left` to the right border."""
+    values = [frame.objects[name].quality if name in frame.objects else math.nan for frame in panel.frames]
+    right = panel.width - 14
+    low, high = top + ROW_HEIGHT - 9, top + 9
+    across = np.linspace(left, right, max(len(values), 2))
+    draw.line((left, low, right, low), FAINT)
+    points = [(x, low + (high - low) * v) for x, v in zip(across, values, strict=False) if math.isfinite(v)]
+    if len(points) > 1:
+        draw.line(points, FAINT, 2)
+        draw.line(points[: max(2, sum(math.isfinite(v) for v in values[: number + 1]))], TEXT, 2)
+    draw.line((across[number], high, across[number], low), TEXT)
+
+
+def _fixed(points: NDArray[np.float32], scale: float) -> NDArray[np.int32]:
+    """Points (n, k, 2) in rerun's pixels as cv2's fixed-point coordinates on the enlarged picture."""
+    clipped = np.clip(points.astype(np.float64) * scale - 0.5, -1e4, 1e4)
+    return np.round(clipped * (1 << _SHIFT)).astype(np.int32)
+
+
+def _decode(jpeg: bytes) -> ByteImage:
+    bgr = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _joined(pictures: Sequence[ByteImage]) -> ByteImage:
+    """Pictures beside each other, the lower ones filled up."""
+    height = max(picture.shape[0] for picture in pictures)
+    filled = []
+    for picture in pictures:
+        rest = np.full((height - picture.shape[0], picture.shape[1], 3), BACKGROUND, np.uint8)
+        filled.append(np.vstack([picture, rest]))
+    return np.hstack(filled)
+
+
+def _even(picture: ByteImage) -> ByteImage:
+    """Cut to even sides, which yuv420p needs."""
+    return np.ascontiguousarray(picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2])

@@ -1,0 +1,104 @@
+"""The images of a replay, encoded beside the tracking thread.
+
+JPEG encoding takes longer than anything else in a replay, and OpenCV does it without holding up Python, so a
+second thread does it. An image that came from a JPEG file of reasonable size is handed on as it is.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+
+from acp_lab.display.replay_clock import Moment
+from acp_lab.geometry.arrays import ByteImage
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
+JPEG_QUALITY = 85
+LOWEST_QUALITY = 45
+MOST_BYTES_PER_PIXEL = 0.18
+"""100 images of 640 x 512 px then stay below 6 MB, but for the noisiest."""
+MOST_WAITING = 8
+"""Images; a tracker that is faster than the encoder waits for it, rather than fill the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    moment: Moment
+    entity: str
+    image: ByteImage
+    source: Path | None
+    opacity: float | None
+
+
+class ImageWriter:
+    """Logs images, (h, w, 3) uint8 RGB, to a recording from a thread of its own."""
+
+    def __init__(self, recording: RecordingStream) -> None:
+        self._recording = recording
+        self._jobs: queue.Queue[_Job | None] = queue.Queue(MOST_WAITING)
+        self._failure: Exception | None = None
+        self._thread = threading.Thread(target=self._work, name="replay images", daemon=True)
+        self._thread.start()
+
+    def put(
+        self, moment: Moment, entity: str, image: ByteImage, source: Path | None = None, opacity: float | None = None
+    ) -> None:
+        """Log an image at a moment, soon. source: the file that it was decoded from, where there is one."""
+        if self._failure is None:
+            self._jobs.put(_Job(moment, entity, image, source, opacity))
+
+    def close(self) -> None:
+        """Wait until everything is logged; raises what went wrong in the thread."""
+        if self._thread.is_alive():
+            self._jobs.put(None)
+            self._thread.join()
+        if self._failure is not None:
+            raise self._failure
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            if self._failure is not None:
+                continue  # keep taking jobs, so that nobody waits for room in the queue
+            try:
+                self._log(job)
+            except Exception as error:
+                self._failure = error
+
+    def _log(self, job: _Job) -> None:
+        import rerun as rr
+
+        jpeg = _small_jpeg(job.source, job.image) or encode_jpeg(job.image)
+        job.moment.set_on(self._recording)
+        image = rr.EncodedImage(contents=jpeg, media_type="image/jpeg", opacity=job.opacity)
+        self._recording.log(job.entity, image)
+
+
+def encode_jpeg(image: ByteImage) -> bytes:
+    """An image (h, w, 3) RGB as JPEG, of lower quality where it would exceed `MOST_BYTES_PER_PIXEL`."""
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    most = MOST_BYTES_PER_PIXEL * image.shape[0] * image.shape[1]
+    quality = JPEG_QUALITY
+    while True:
+        _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        if len(jpeg) <= most or quality <= LOWEST_QUALITY:
+            return jpeg.tobytes()
+        quality -= 10
+
+
+def _small_jpeg(source: Path | None, image: ByteImage) -> bytes | None:
+    """The bytes of a JPEG file that is small enough; None for any other file."""
+    if source is None or source.suffix.lower() not in (".jpg", ".jpeg"):
+        return None
+    try:
+        if source.stat().st_size > MOST_BYTES_PER_PIXEL * image.shape[0] * image.shape[1]:
+            return None
+        return source.read_bytes()
+    except OSError:  # gone by now; the decoded image is still here
+        return None

@@ -1,0 +1,177 @@
+"""A run in rerun's viewer inside a notebook: `acp.show(run)`.
+
+Works without a network: rerun's notebook viewer fetches its page from the net unless it is told otherwise before
+its first import, which is done here. What is shown is a replay made on the spot, so it needs the run's
+sequence for the images.
+"""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+import io
+import os
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import traitlets
+
+from acp_lab.display.blueprint import comparison, single_run, spot_of
+from acp_lab.display.replay_clock import Moment, RunningClock
+from acp_lab.display.replay_curves import log_run_styles
+from acp_lab.display.replay_images import ImageWriter
+from acp_lab.display.replay_log import RunLog
+from acp_lab.display.replay_object import object_name
+from acp_lab.errors import AcpLabError, SequenceError
+from acp_lab.tracking.observer import SessionInfo, TrackResult
+from acp_lab.tracking.session import TrackRun
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
+_ASSET_SETTING = "RERUN_NOTEBOOK_ASSET"
+_ASSET = "serve-local"
+
+
+class RunViewer(traitlets.HasTraits):
+    """The viewer on one or two runs; displays itself as the last value of a notebook cell.
+
+    frame: the frame that is shown, counted from 0. It follows the viewer, and the viewer follows it:
+    `traitlets.link((viewer, "frame"), (player, "frame"))` keeps another widget in step.
+    widget: rerun's own notebook viewer.
+    """
+
+    frame = traitlets.Int(0)
+
+    def __init__(self, runs: Mapping[str, TrackRun], height_px: int = 640) -> None:
+        """runs: one, or two by the names below which they are logged, such as "a" and "b"."""
+        super().__init__()
+        viewer_class = notebook_viewer()
+        recording, self._moments = record(runs)
+        self._timeline = "frame"
+        self._led = False  # while the viewer leads, it need not be told what it said
+        self.widget = viewer_class(width="auto", height=height_px, recording=recording)
+        self.widget.on_event(self._on_event)
+        self.observe(self._lead, "frame")
+
+    def frame_at(self, timeline: str, time: float) -> int:
+        """The frame at a time of a timeline: frame (a count), step (a count) or time (nanoseconds, as rerun has it)."""
+        starts = [_value(moment, timeline) for moment in self._moments]
+        return max(bisect.bisect_right(starts, time) - 1, 0)
+
+    def _on_event(self, event: Any) -> None:
+        if event.type == "timeline_change":
+            self._timeline = event.timeline
+        elif event.type != "time_update":
+            return
+        if self._timeline in ("frame", "step", "time"):
+            self._led = True
+            try:
+                self.frame = self.frame_at(self._timeline, event.time)
+            finally:
+                self._led = False
+
+    def _lead(self, change: Any) -> None:
+        if not self._led:
+            self._timeline = "frame"
+            self.widget.set_time_ctrl(sequence=change["new"], timeline="frame")
+
+    def _ipython_display_(self) -> None:
+        self.widget.display()
+
+
+def show(run: TrackRun, other: TrackRun | None = None, height_px: int = 640) -> RunViewer:
+    """Show a run in a notebook, or two runs over the same frames beside each other.
+
+    Iterations are in it when the tracker's `records_steps` was set, image edges when `records_target` was.
+    Raises AcpLabError where rerun's notebook viewer is missing, or was imported too early to be kept off the
+    net; SequenceError for a run without a sequence that can be read again.
+    """
+    runs = {"": run} if other is None else {"a": run, "b": other}
+    return RunViewer(runs, height_px)
+
+
+def notebook_viewer() -> Any:
+    """rerun's notebook viewer, told to bring its page along; AcpLabError when that cannot be."""
+    asset = os.environ.setdefault(_ASSET_SETTING, _ASSET)
+    imported = sys.modules.get("rerun_notebook")
+    if imported is not None and getattr(imported, "ASSET_IS_URL", False) and not asset.startswith("http"):
+        raise AcpLabError(
+            f"rerun's notebook viewer was imported before acp_lab could keep it off the net: restart the kernel and "
+            f'import acp_lab first, or set os.environ["{_ASSET_SETTING}"] = "{_ASSET}" at its start'
+        )
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):  # it says at length how it serves its page
+            import rerun_notebook  # noqa: F401
+            from rerun.notebook import Viewer
+    except ImportError:
+        raise AcpLabError(
+            "rerun's notebook viewer is not installed: run pip install 'rerun-sdk[notebook]', then restart the kernel"
+        ) from None
+    return Viewer
+
+
+def record(runs: Mapping[str, TrackRun]) -> tuple[RecordingStream, tuple[Moment, ...]]:
+    """Runs as a recording in memory, and when their frames begin; by the names below which they are logged."""
+    import rerun as rr
+
+    for run in runs.values():
+        if run.sequence is None or run.session is None or not run.sequence.frame_ids:
+            raise SequenceError(f"{run.name}: its images cannot be read again: show a run of a data set or a video")
+    name = " and ".join(f"{run.name} ({run.method})" for run in runs.values())
+    recording = rr.RecordingStream("acp_lab", recording_id=f"{name} {id(runs)}")
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    recording.send_recording_name(name)
+    recording.send_blueprint(_layout(runs), make_active=True, make_default=True)
+    moments: list[Moment] = []
+    images = ImageWriter(recording)
+    try:
+        for root, run in runs.items():
+            moments = _log_run(recording, images, run, root)
+    finally:
+        images.close()
+    if len(runs) > 1:
+        log_run_styles(recording, {root: _names(run) for root, run in runs.items()})
+    recording.flush()
+    return recording, tuple(moments)
+
+
+def _layout(runs: Mapping[str, TrackRun]) -> Any:
+    first = next(iter(runs.values()))
+    spot = spot_of(_session(first).objects, {object_id: results[0] for object_id, results in first.results.items()})
+    if len(runs) == 1:
+        return single_run(_names(first), spot)
+    titles = {root: f"{root.upper()}: {run.method}" for root, run in runs.items()}
+    return comparison(titles, {root: _names(run) for root, run in runs.items()}, spot)
+
+
+def _log_run(recording: RecordingStream, images: ImageWriter, run: TrackRun, root: str) -> list[Moment]:
+    assert run.sequence is not None
+    log = RunLog(recording, images, _session(run), "all", root=f"{root}/" if root else "", label=root.upper())
+    clock, moments = RunningClock(), []
+    count = max(len(results) for results in run.results.values())
+    for number, frame in enumerate(run.sequence.frames(count)):
+        moments.append(clock.begin(frame))
+        if number == 0:
+            log.begin(moments[0])
+        of_frame: dict[int, TrackResult] = {
+            object_id: results[number] for object_id, results in run.results.items() if number < len(results)
+        }
+        log.frame(frame, of_frame, clock)
+    log.end()
+    return moments
+
+
+def _session(run: TrackRun) -> SessionInfo:
+    assert run.session is not None
+    return run.session
+
+
+def _names(run: TrackRun) -> list[str]:
+    return [object_name(tracked.object_id) for tracked in _session(run).objects]
+
+
+def _value(moment: Moment, timeline: str) -> float:
+    return {"frame": float(moment.frame), "step": float(moment.step), "time": 1e9 * moment.time_s}[timeline]

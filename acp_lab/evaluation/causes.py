@@ -1,0 +1,250 @@
+"""What can be wrong with a frame: each cause from one measured quantity, in plain language, with what helps.
+
+One function per cause. It takes the quantity, and gives a `Finding` when the quantity passes its limit, else None.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from acp_lab.control_points.view_regions import HYSTERESIS
+from acp_lab.geometry.camera import Camera
+
+
+class Cause(StrEnum):
+    """What can be wrong with a frame, or with the whole run."""
+
+    UNREADABLE = "unreadable image"
+    FEW_EDGES = "few edges found"
+    OCCLUSION = "occlusion"
+    CLUTTER = "clutter of the same direction"
+    APPEARANCE = "changed appearance"
+    FAST_MOTION = "motion beyond the search range"
+    REGION_BORDER = "border of a view region"
+    DEGENERATE_POINTS = "near-degenerate control points"
+    OUTSIDE_IMAGE = "part partly outside the image"
+    UNIT_OR_CAMERA = "wrong unit or intrinsics"
+
+
+@dataclass(frozen=True)
+class DiagnosisConfig:
+    """Limits beyond which a cause is named; set on sequences with and without the trouble in question.
+
+    Attributes:
+        good_quality: share of the usual quality from which a frame counts as good.
+        found_share: with image edges at a smaller share of the edge points, few are found.
+        contrast: median gradient across the edges, grey levels per px, below which it is weak.
+        hidden_share: of the edge points that are gone in one piece.
+        rivals: strong image edges per edge point that belong to none of the part's.
+        likeness: how many times more the quality fell than the share of edges found.
+        recovery_px: what the tracker's further tries reach beyond the first level's search.
+        quad_opening: least height of the control-point quad in shares of its size.
+        outside_share: of the visible edge points.
+        depth_change: of the first poses, as a logarithm, relative to the start pose.
+        principal_point: from the middle of the image, in shares of its width.
+        focal_ratio: of fx to fy, away from 1.
+        apparent_px: parts that appear smaller have too few pixels.
+    """
+
+    good_quality: float = 0.75
+    found_share: float = 0.5
+    contrast: float = 4.0
+    hidden_share: float = 0.12
+    rivals: float = 0.8
+    likeness: float = 1.25
+    recovery_px: float = 10.0
+    quad_opening: float = 0.12
+    outside_share: float = 0.1
+    depth_change: float = 0.06
+    principal_point: float = 0.25
+    focal_ratio: float = 0.1
+    apparent_px: float = 25.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A cause with its proof.
+
+    Attributes:
+        cause: what is wrong; text: said in a sentence, with the measured quantity.
+        advice: the setting, or the thing to do, that helps.
+        measured, limit: the quantity and where it becomes a cause.
+        severity: how many times beyond the limit, 1 or more.
+    """
+
+    cause: Cause
+    text: str
+    advice: str
+    measured: float
+    limit: float
+    severity: float
+
+
+def unreadable(reason: str) -> Finding:
+    """The image cannot be decoded."""
+    return Finding(Cause.UNREADABLE, reason, "replace the image, or leave the frame out", 1.0, 1.0, 100.0)
+
+
+def few_edges(found_share: float, contrast: float, config: DiagnosisConfig) -> Finding | None:
+    """Too few of the visible edges show, or they are faint; contrast in grey levels per px."""
+    advice = (
+        "more light, a shorter exposure or a sharper lens; SearchConfig.contrast lower, so that faint edges count, and "
+        "StateConfig.weak_below lower"
+    )
+    text = (
+        f"{100.0 * found_share:.0f}% of the visible edges show in the image, and the median contrast across them is "
+        f"{contrast:.1f} grey levels per px."
+    )
+    few = _below(Cause.FEW_EDGES, f"only {text}", advice, found_share, config.found_share)
+    return few or _below(Cause.FEW_EDGES, text, advice, contrast, config.contrast)
+
+
+def occlusion(hidden_share: float, config: DiagnosisConfig) -> Finding | None:
+    """Something stands before the part."""
+    return _above(
+        Cause.OCCLUSION,
+        f"{100.0 * hidden_share:.0f}% of the visible edges, all in one piece, are gone or have other colours on both "
+        "sides than before.",
+        "free the part; StateConfig.patience bridges a short hiding, TrackerConfig.learn_above (higher) keeps the "
+        "occluder from being learnt",
+        hidden_share,
+        config.hidden_share,
+    )
+
+
+def clutter(rivals_per_point: float, reach_px: int, config: DiagnosisConfig) -> Finding | None:
+    """Other edges run along the part's own."""
+    return _above(
+        Cause.CLUTTER,
+        f"beside each edge point there are {rivals_per_point:.1f} other strong image edges of its direction within "
+        f"{reach_px} px.",
+        "a plainer background; SolverConfig.levels with a shorter reach_px, or MemoryConfig.grey_floor and "
+        "gradient_floor lower, so that what an edge looked like counts more",
+        rivals_per_point,
+        config.rivals,
+    )
+
+
+def appearance(found_share: float, found_before: float, quality_kept: float, config: DiagnosisConfig) -> Finding | None:
+    """The edges are there, so that what fell is their likeness to what the tracker remembers."""
+    return _above(
+        Cause.APPEARANCE,
+        f"{100.0 * found_share:.0f}% of the edges are there ({100.0 * found_before:.0f}% before), but they look "
+        f"different: their share of the quality fell to {100.0 * quality_kept:.0f}%.",
+        "steadier light; MemoryConfig.rate higher, so that the memory follows reflections, or gradient_floor and "
+        "grey_floor higher, so that it counts less",
+        found_share / max(found_before, 1e-6) / max(quality_kept, 1e-6),
+        config.likeness,
+    )
+
+
+def fast_motion(surprise_px: float, reach_px: int, config: DiagnosisConfig) -> Finding | None:
+    """The part was not where it was sought."""
+    return _above(
+        Cause.FAST_MOTION,
+        f"the part was {surprise_px:.0f} px away from where it was expected; image edges are sought within "
+        f"{reach_px} px.",
+        f"more frames per second; SolverConfig.levels[0].reach_px of at least {math.ceil(surprise_px)}, and "
+        "TrackerConfig.shift_px as far",
+        surprise_px,
+        reach_px + config.recovery_px,
+    )
+
+
+def region_border(closeness: float, changes: int) -> Finding | None:
+    """The view hovers between two view regions; closeness in [0, 1] is 1 on the border itself."""
+    if changes == 0:
+        return None
+    return _above(
+        Cause.REGION_BORDER,
+        f"the view lies on the border of two view regions (the second leans in {100.0 * closeness:.0f}% as far as the "
+        f"first), and the region changed {changes} time{'s'[: changes != 1]} since the trouble began.",
+        f"view_regions.HYSTERESIS (now {HYSTERESIS:g}) higher; prepare both regions: acp-lab prepare --regions all",
+        closeness,
+        1.0 / HYSTERESIS**2,
+    )
+
+
+def degenerate_points(opening: float, region: str, config: DiagnosisConfig) -> Finding | None:
+    """The control points are nearly in line; opening is the quad's least height in shares of its size."""
+    return _below(
+        Cause.DEGENERATE_POINTS,
+        f"the control points are nearly in line: their quad is {100.0 * opening:.0f}% as high as it is wide.",
+        f"another view of the part, or other control points: those of view region {region} are seen too obliquely "
+        "(view_regions.HYSTERESIS lower changes the region sooner)",
+        opening,
+        config.quad_opening,
+    )
+
+
+def outside_image(share: float, config: DiagnosisConfig) -> Finding | None:
+    """The part leaves the image."""
+    return _above(
+        Cause.OUTSIDE_IMAGE,
+        f"{100.0 * share:.0f}% of the part's visible edges lie outside the image.",
+        "keep the part in view, or use a wider lens; no setting brings back what the image does not show",
+        share,
+        config.outside_share,
+    )
+
+
+def unit_or_camera(
+    camera: Camera, start_depth_mm: float, first_depth_mm: float, apparent_px: float, config: DiagnosisConfig
+) -> Finding | None:
+    """What was given contradicts the image, or is unlike any camera; the worst of four signs.
+
+    Args:
+        start_depth_mm, first_depth_mm: of the part's centre, in the start pose and as tracked at first.
+        apparent_px: how large the part is at the start pose.
+    """
+    advice = (
+        "check fx and fy of the camera (are they of this image size?), the unit of the mesh and of the start pose "
+        "(mm), and the start pose itself"
+    )
+    ratio = max(first_depth_mm / start_depth_mm, 1e-6)
+    off = math.hypot(camera.cx - 0.5 * camera.width, camera.cy - 0.5 * camera.height) / camera.width
+    signs = (
+        _above(
+            Cause.UNIT_OR_CAMERA,
+            f"the image wants the part at {first_depth_mm:.0f} mm, the start pose has it at {start_depth_mm:.0f} mm: "
+            f"focal length or part seem off by a factor of {ratio:.2f}.",
+            advice,
+            abs(math.log(ratio)),
+            config.depth_change,
+        ),
+        _below(
+            Cause.UNIT_OR_CAMERA,
+            f"at the start pose the part is only {apparent_px:.0f} px across.",
+            advice,
+            apparent_px,
+            config.apparent_px,
+        ),
+        _above(
+            Cause.UNIT_OR_CAMERA,
+            f"the principal point ({camera.cx:.0f}, {camera.cy:.0f}) is far from the middle of the image, which has "
+            f"{camera.width} x {camera.height} px.",
+            advice,
+            off,
+            config.principal_point,
+        ),
+        _above(
+            Cause.UNIT_OR_CAMERA,
+            f"fx = {camera.fx:.0f} px and fy = {camera.fy:.0f} px differ more than those of real cameras.",
+            advice,
+            abs(camera.fx / camera.fy - 1.0),
+            config.focal_ratio,
+        ),
+    )
+    return max((sign for sign in signs if sign), key=lambda sign: sign.severity, default=None)
+
+
+def _above(cause: Cause, text: str, advice: str, measured: float, limit: float) -> Finding | None:
+    severity = measured / limit
+    return Finding(cause, text, advice, measured, limit, severity) if severity >= 1.0 else None
+
+
+def _below(cause: Cause, text: str, advice: str, measured: float, limit: float) -> Finding | None:
+    severity = min(limit / max(measured, 1e-9), 100.0)
+    return Finding(cause, text, advice, measured, limit, severity) if severity > 1.0 else None

@@ -1,0 +1,343 @@
+"""Why did the tracker do badly in a frame? Causes in plain language, each from something that was measured.
+
+`diagnose(run, frame)` looks at the run around the frame and at its images. Every cause has a measured quantity and
+a limit (`causes`); those beyond it are named, the furthest beyond first, with the setting that helps. Where truth
+is known the image is measured at the true pose, for there it must show the part's edges whatever the tracker
+believed. Several causes may be true at once, and none may be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.view_regions import REGION_NAMES, region_scores
+from acp_lab.errors import SequenceError
+from acp_lab.evaluation import causes
+from acp_lab.evaluation.causes import Cause, DiagnosisConfig, Finding
+from acp_lab.evaluation.frame_evidence import EdgeEvidence, PartObserver, image_motion
+from acp_lab.evaluation.metrics import add_mm
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.homography import corner_areas, extent
+from acp_lab.geometry.pose import transform
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.motion import ConstantVelocity
+from acp_lab.tracking.observer import TrackResult, TrackState
+from acp_lab.tracking.session import TrackRun
+
+LOOK_BACK = 6
+"""Frames before the trouble among which one is taken to compare with."""
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found out about one object in one frame. Prints as plain language.
+
+    Attributes:
+        run_name, object_id: which run and object; frame: counted from 0; frame_id: the image id.
+        state, quality: of the result; usual_quality: median over the good frames before.
+        onset: the first frame of the bad stretch that `frame` belongs to; `frame` itself when it is good.
+        findings: the worst first.
+        add_percent: ADD of the tracked pose in percent of the diameter, NaN where truth is unknown.
+        result: of the tracker in `frame`.
+        measured_frame: whose image was measured: `frame`, or `onset` where the tracked pose is lost and truth unknown.
+        image: (h, w, 3) of that frame, None where it cannot be had.
+        evidence: what it shows at `measured_at`, "the true pose" or "the tracked pose".
+        hidden: (n,) bool, which of the evidence's edge points are missing in one piece.
+    """
+
+    run_name: str
+    object_id: int
+    frame: int
+    frame_id: int
+    state: TrackState
+    quality: float
+    usual_quality: float
+    onset: int
+    findings: tuple[Finding, ...]
+    add_percent: float
+    result: TrackResult
+    measured_frame: int
+    image: ByteImage | None = None
+    evidence: EdgeEvidence | None = None
+    measured_at: str = ""
+    hidden: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing is the matter with the frame itself."""
+        return self.state is TrackState.TRACKING and self.onset == self.frame and not self.findings
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """The causes, the worst first."""
+        return tuple(finding.cause for finding in self.findings)
+
+    @property
+    def summary(self) -> str:
+        """How the frame stands, in one line."""
+        text = f"Frame {self.frame} (image {self.frame_id}), object {self.object_id}: {self.state}, "
+        text += f"quality {self.quality:.2f}, usually {self.usual_quality:.2f}"
+        if math.isfinite(self.add_percent):
+            text += f", ADD {self.add_percent:.1f}% of the diameter"
+        text += "."
+        if self.onset < self.frame:
+            text += f" The trouble began in frame {self.onset}."
+        return text
+
+    @property
+    def conclusion(self) -> str:
+        """What to say where no cause is named."""
+        return "Nothing is wrong with it." if self.is_good else "No known cause stands out."
+
+    def __str__(self) -> str:
+        lines = [self.summary]
+        for number, finding in enumerate(self.findings, 1):
+            lines += [f"{number}. {finding.cause}: {finding.text}", f"   What helps: {finding.advice}"]
+        return "\n".join(lines if self.findings else [*lines, self.conclusion])
+
+
+def diagnose(
+    run: TrackRun,
+    frame: int,
+    object_id: int | None = None,
+    sequence: Sequence | None = None,
+    config: DiagnosisConfig | None = None,
+) -> Diagnosis:
+    """Explain what the tracker did in a frame.
+
+    Args:
+        frame: counted from 0, as viewers count; negative ones from the end.
+        object_id: by default the run's first object.
+        sequence: where the images are, by default the one that was tracked; without any only the run is asked.
+
+    Raises:
+        SequenceError: the run has no such frame or object, or does not know its part.
+    """
+    results, object_id = _results_of(run, frame, object_id)
+    frame = range(len(results))[frame]
+    config = config or DiagnosisConfig()
+    usual, onset = _history(results, frame, config)
+    good = _reference(results, onset)
+    frames = _frames(sequence or run.sequence, {0, good, *range(max(onset - 1, 0), frame + 1)})
+    return _Case(run, object_id, results, frame, onset, good, usual, frames, config).diagnosis()
+
+
+def _results_of(run: TrackRun, frame: int, object_id: int | None) -> tuple[tuple[TrackResult, ...], int]:
+    if object_id is None:
+        object_id = next(iter(run.results), 0)
+    results = run.results.get(object_id, ())
+    if not results:
+        raise SequenceError(f"{run.name}: object {object_id} was not tracked: there are {sorted(run.results)}")
+    if not -len(results) <= frame < len(results):
+        raise SequenceError(f"{run.name}: no frame {frame}: there are {len(results)}, counted from 0")
+    if object_id not in run.parts:
+        raise SequenceError(f"{run.name}: the run does not know its parts: take one that Tracker.run returned")
+    return results, object_id
+
+
+def _history(results: tuple[TrackResult, ...], frame: int, config: DiagnosisConfig) -> tuple[float, int]:
+    """The usual quality before `frame`, and the first frame of the bad stretch that it belongs to."""
+    tracked = [r.quality for r in results[: frame + 1] if r.state is TrackState.TRACKING and r.quality > 0.0]
+    # Of the better half: a run that goes badly for long must not make that the rule.
+    usual = float(np.percentile(tracked, 75)) if tracked else results[0].quality
+    onset = frame
+    while onset >= 0 and not _is_good(results[onset], usual, config):
+        onset -= 1
+    return usual, min(onset + 1, frame)
+
+
+def _reference(results: tuple[TrackResult, ...], onset: int) -> int:
+    """A frame to compare with: the best shortly before the trouble, which may have crept in; -1 when there is none."""
+    before = range(max(onset - LOOK_BACK, 0), onset)
+    return max(before, key=lambda number: results[number].quality, default=-1)
+
+
+def _is_good(result: TrackResult, usual: float, config: DiagnosisConfig) -> bool:
+    return result.state is TrackState.TRACKING and result.quality >= config.good_quality * usual
+
+
+def _frames(sequence: Sequence | None, wanted: set[int]) -> dict[int, Frame | UnreadableFrame]:
+    """Frames by their count; none of a live camera, which cannot show them again."""
+    if sequence is None or not sequence.frame_ids:
+        return {}
+    read = getattr(sequence, "frame", None)
+    if read is not None:  # a data set: any image by its id
+        return {number: read(sequence.frame_ids[number]) for number in wanted if number < len(sequence.frame_ids)}
+    return {number: frame for number, frame in enumerate(sequence.frames(max(wanted) + 1)) if number in wanted}
+
+
+class _Case:
+    """One frame under examination."""
+
+    def __init__(
+        self,
+        run: TrackRun,
+        object_id: int,
+        results: tuple[TrackResult, ...],
+        frame: int,
+        onset: int,
+        reference: int,
+        usual: float,
+        frames: Mapping[int, Frame | UnreadableFrame],
+        config: DiagnosisConfig,
+    ) -> None:
+        self.run, self.object_id, self.results = run, object_id, results
+        self.frame, self.onset, self.reference = frame, onset, reference
+        self.usual, self.frames, self.config = usual, frames, config
+        self.part = run.parts[object_id]
+        self.result = results[frame]
+        self.is_bad = not _is_good(self.result, usual, config)
+        self.observer = PartObserver(self.part)
+
+    def diagnosis(self) -> Diagnosis:
+        """Measure, and name what passes its limit."""
+        number = self.measured_frame()
+        evidence, before = self.evidence(number), self.evidence(self.reference)
+        hidden = np.zeros(0, bool) if evidence is None else evidence.hidden(before)
+        found = [self.start(), *self.geometry(), *(self.motion(), self.region()) * self.is_bad]
+        if evidence is not None:
+            found += self.image(evidence, before, hidden)
+        if isinstance(self.frames.get(self.frame), UnreadableFrame):
+            found.append(causes.unreadable(self.result.note))
+        named = sorted((finding for finding in found if finding), key=lambda finding: -finding.severity)
+        shown = self.frames.get(number)
+        return Diagnosis(
+            self.run.name,
+            self.object_id,
+            self.frame,
+            self.result.frame_id,
+            self.result.state,
+            self.result.quality,
+            self.usual,
+            self.onset,
+            tuple(named),
+            self.add_percent(),
+            self.result,
+            number,
+            shown.image if isinstance(shown, Frame) else None,
+            evidence,
+            "the tracked pose" if self.truth(number) is None else "the true pose",
+            hidden,
+        )
+
+    def measured_frame(self) -> int:
+        """Deep inside a lost stretch the tracked pose says nothing; where the stretch began it still does."""
+        if self.result.state is TrackState.LOST and self.truth(self.frame) is None:
+            return self.onset
+        return self.frame
+
+    def truth(self, number: int) -> FloatArray | None:
+        """The true pose in a frame, where somebody measured it."""
+        session = self.run.session
+        if session is None or session.truth is None:
+            return None
+        return session.truth(self.results[number].frame_id, self.object_id)
+
+    def add_percent(self) -> float:
+        """How far the tracked pose is off."""
+        truth = self.truth(self.frame)
+        if truth is None:
+            return math.nan
+        return 100.0 * add_mm(self.part.vertices, self.result.cam_T_obj, truth) / self.part.diameter
+
+    def pose(self, number: int) -> FloatArray:
+        """The true pose in a frame, else the tracked one."""
+        truth = self.truth(number)
+        return self.results[number].cam_T_obj if truth is None else truth
+
+    def evidence(self, number: int) -> EdgeEvidence | None:
+        """What a frame shows of the part; None where there is no image."""
+        shown = self.frames.get(number)
+        return self.observer.measure(shown.image, shown.camera, self.pose(number)) if isinstance(shown, Frame) else None
+
+    def image(self, evidence: EdgeEvidence, before: EdgeEvidence | None, hidden: np.ndarray) -> list[Finding | None]:
+        """Causes that the image tells: faint, hidden, doubled or changed edges, or none of them in view."""
+        config = self.config
+        found = [causes.outside_image(evidence.outside, config)]
+        share = float(hidden.mean()) if len(hidden) else 0.0
+        # Where nearly all is gone nothing hides a part of it: the edges are too faint, or the pose is wrong.
+        is_hidden = config.hidden_share <= share <= 0.9 and evidence.contrast_of(~hidden) >= config.contrast
+        rest = ~hidden if is_hidden else np.ones(len(hidden), bool)
+        seen, contrast = evidence.found_share_of(rest), evidence.contrast_of(rest)
+        few = causes.few_edges(seen, contrast, config)
+        found.append(few)
+        if self.is_bad:
+            found.append(causes.clutter(evidence.rivals_per_point, evidence.reach_px, config))
+        if self.is_bad and is_hidden:
+            found.append(causes.occlusion(share, config))
+        if self.is_bad and few is None and before is not None:
+            # What is hidden lowers the quality by its share; more than that is the look of the rest.
+            kept = self.result.quality / max(self.usual * float(rest.mean()), 1e-6)
+            found.append(causes.appearance(seen, before.found_share, kept, config))
+        return found
+
+    def geometry(self) -> list[Finding | None]:
+        """The control points' quad."""
+        quad = self.result.control_points
+        if not np.isfinite(quad).all():
+            return []
+        size = extent(quad)
+        opening = min(abs(area) for area in corner_areas(quad)) / max(size * size, 1e-9)
+        return [causes.degenerate_points(opening, REGION_NAMES[self.result.region], self.config)]
+
+    def region(self) -> Finding | None:
+        """Whether the view regions changed since all was well."""
+        around = [result.region for result in self.results[max(self.onset - 1, 0) : self.frame + 1]]
+        eye = eye_position(self.result.cam_T_obj) - self.part.box_centre
+        scores = np.sort(region_scores(eye, 0.5 * self.part.box_size))
+        closeness = float(scores[-2] / max(scores[-1], 1e-9))
+        return causes.region_border(closeness, sum(a != b for a, b in pairwise(around)))
+
+    def motion(self) -> Finding | None:
+        """The frame since all was well in which the part was furthest from where it was sought."""
+        reach = self.observer.reach_px
+        found = []
+        for number in range(max(self.onset, 1), self.frame + 1):
+            shown, surprise = self.frames.get(number), self.surprise_px(number)
+            if isinstance(shown, Frame) and surprise is not None:
+                found.append((surprise, reach(shown.camera, self.pose(number - 1))))
+        if not found:
+            return None
+        return causes.fast_motion(*max(found, key=lambda motion: motion[0] / motion[1]), self.config)
+
+    def surprise_px(self, number: int) -> float | None:
+        """How far the part was from where it was expected in a frame; None where that cannot be told."""
+        before, after = self.frames.get(number - 1), self.frames.get(number)
+        if not (isinstance(before, Frame) and isinstance(after, Frame)):
+            return None
+        centre, last, truth = self.part.box_centre[None], self.pose(number - 1), self.truth(number)
+        expected = after.camera.project(transform(self.expected(number), centre))[0]
+        if truth is not None:
+            return float(np.linalg.norm(after.camera.project(transform(truth, centre))[0] - expected))
+        start = before.camera.project(transform(last, centre))[0]
+        points = self.observer.measure(before.image, before.camera, last).points
+        if len(points) < 4 or not np.isfinite(expected - start).all():
+            return None
+        reach = self.observer.reach_px(after.camera, last)
+        moved = image_motion(before, after, points, expected - start, 5.0 * reach)
+        return None if moved is None else float(np.linalg.norm(start + moved - expected))
+
+    def expected(self, number: int) -> FloatArray:
+        """The pose (4, 4) of a part that goes on as it went, from the tracked poses before a frame."""
+        motion = ConstantVelocity(self.part.box_centre)
+        for result in self.results[max(number - 2, 0) : number]:
+            motion.observe(result.cam_T_obj)
+        return motion.predict()
+
+    def start(self) -> Finding | None:
+        """Unit and intrinsics show in the first frames, when what was given meets the image."""
+        shown, start = self.frames.get(0), self.run.starts.get(self.object_id)
+        if not isinstance(shown, Frame) or start is None:
+            return None
+        centre, camera = self.part.box_centre, shown.camera
+        given = float(transform(start, centre)[2])
+        # A solver needs a frame or two for a large correction.
+        first = float(transform(self.results[min(2, self.frame)].cam_T_obj, centre)[2])
+        apparent_px = 2.0 * self.part.radius * camera.fx / max(given, 1e-6)
+        return causes.unit_or_camera(camera, given, first, apparent_px, self.config)

@@ -1,0 +1,24 @@
+"""Wall time by stage of one frame."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Stopwatch:
+    """Wall seconds by stage."""
+
+    image_s: float = 0.0
+    generate_s: float = 0.0
+    search_s: float = 0.0
+    solve_s: float = 0.0
+    learn_s: float = 0.0
+    _last: float = field(default_factory=time.perf_counter)
+
+    def lap(self) -> float:
+        """Seconds since the last lap."""
+        now = time.perf_counter()
+        elapsed, self._last = now - self._last, now
+        return elapsed

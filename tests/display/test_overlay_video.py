@@ -1,0 +1,117 @@
+"""Films of replays: what a player needs, and what is drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from acp_lab.display.overlay_video import write_film
+from acp_lab.display.replay import Replay
+from acp_lab.display.replay_file import ReplayContent, check_replay, read_replay
+from acp_lab.display.replay_frames import fps_of, shown_frames
+from acp_lab.errors import InputFileError
+from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, frames, play, result
+
+av = pytest.importorskip("av")
+
+
+def content(path: Path, object_ids: tuple[int, ...] = (1,), with_truth: bool = True) -> ReplayContent:
+    play([Replay(path)], object_ids, with_truth)
+    return read_replay(check_replay(path))
+
+
+def decoded(path: Path) -> list[np.ndarray]:
+    with av.open(str(path)) as film:
+        return [frame.to_ndarray(format="rgb24") for frame in film.decode(film.streams.video[0])]
+
+
+def test_what_is_shown_is_what_was_logged(tmp_path: Path) -> None:
+    shown = shown_frames(content(tmp_path / "run.rrd", object_ids=(1, 7)))
+    assert [frame.image_id for frame in shown] == list(FRAME_IDS)
+    assert [frame.jpeg is None for frame in shown] == [i == UNREADABLE_ID for i in FRAME_IDS]
+    assert fps_of(shown) == pytest.approx(30.0, rel=0.01)
+    for made, frame in zip(frames(), shown, strict=True):
+        for object_id in (1, 7):
+            wanted, got = result(made, object_id), frame.objects[f"obj_{object_id:06d}"]
+            assert got.state == str(wanted.state)
+            assert got.quality == wanted.quality
+            np.testing.assert_allclose(got.quad, wanted.control_points + 0.5, atol=1e-4)
+            assert len(got.strokes) == len(got.colours) == (0 if wanted.edges is None else len(wanted.edges))
+
+
+def test_browsers_play_it(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "film.mp4"
+    told: list[int] = []
+    count = write_film([content(tmp_path / "run.rrd")], path, lambda name, done, total: told.append(done))
+    assert count == len(FRAME_IDS)
+    assert told == list(range(1, count + 1))
+    with av.open(str(path)) as film:
+        stream = film.streams.video[0]
+        assert stream.codec_context.name == "h264"
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        assert stream.frames == count
+        assert stream.width % 2 == stream.height % 2 == 0
+    # The index comes first: players start before all is there.
+    head = path.read_bytes()
+    assert head.index(b"moov") < head.index(b"mdat")
+    assert [file.name for file in path.parent.iterdir()] == ["film.mp4"]
+
+
+def test_edges_and_captions_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "film.mp4"
+    write_film([content(tmp_path / "run.rrd")], path)
+    first, _, dark, _ = decoded(path)
+    made = next(iter(frames()))
+    scale = first.shape[1] / made.camera.width
+    quad = (result(made, 1).control_points + 0.5) * scale
+    middle = quad[:2].mean(0)  # of the side on which the edge points lie
+    image_colour = np.array([0, 60, 90])
+    row, column = round(middle[1]), round(middle[0])
+    around = first[row - 3 : row + 4, column - 30 : column + 30].reshape(-1, 3).astype(float)
+    assert np.abs(around - image_colour).max() > 80
+    assert np.abs(first[20, 20].astype(float) - image_colour).max() < 12  # nothing is drawn there
+    # Of the unreadable frame the last image is shown, darker.
+    assert dark[20, 20].sum() < 0.6 * decoded(path)[1][20, 20].sum()
+    captions = first[round(made.camera.height * scale) :]
+    assert captions.std() > 10
+
+
+def test_two_runs_beside_each_other(tmp_path: Path) -> None:
+    both = [content(tmp_path / "a.rrd"), content(tmp_path / "b.rrd", object_ids=(1, 7))]
+    write_film(both, tmp_path / "film.mp4")
+    write_film(both[:1], tmp_path / "one.mp4")
+    two, one = decoded(tmp_path / "film.mp4")[0], decoded(tmp_path / "one.mp4")[0]
+    assert two.shape[1] == pytest.approx(2 * one.shape[1], abs=2)
+    assert two.shape[0] > one.shape[0]  # two objects, two captions
+
+
+def test_a_replay_without_images(tmp_path: Path) -> None:
+    from acp_lab.sequences.frame import UnreadableFrame
+    from acp_lab.tracking.observer import SessionInfo, TrackedObject
+    from tests.display.made_run import CAMERA, box
+
+    replay = Replay(tmp_path / "run.rrd")
+    replay.on_start(SessionInfo("clip", 1, "acp", (TrackedObject(1, box()),)))
+    unreadable = UnreadableFrame(0, CAMERA, "gone")
+    replay.on_frame(unreadable, {1: result(unreadable, 1)})
+    replay.on_end()
+    with pytest.raises(InputFileError, match="holds no image"):
+        write_film([read_replay(check_replay(tmp_path / "run.rrd"))], tmp_path / "film.mp4")
+
+
+def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputFileError, match=r"film\.mp4.*cannot be written"):
+        write_film([content(tmp_path / "run.rrd")], tmp_path / "file" / "film.mp4")
+
+
+def test_large_images_are_not_enlarged(tmp_path: Path) -> None:
+    from acp_lab.display.overlay_video import _panel
+
+    replay = content(tmp_path / "run.rrd")
+    assert _panel(replay, "").width == pytest.approx(1024, abs=80)
+    jpeg = cv2.imencode(".jpg", np.zeros((1024, 1224, 3), np.uint8))[1]
+    assert jpeg is not None

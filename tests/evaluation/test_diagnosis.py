@@ -1,0 +1,287 @@
+"""Each cause is staged, and has to be named: with truth and, where it matters, without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.errors import SequenceError
+from acp_lab.evaluation.causes import Cause
+from acp_lab.evaluation.diagnosis import Diagnosis, diagnose
+from acp_lab.evaluation.frame_evidence import PartObserver, image_motion
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import make_pose, transform
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.tracker import Tracker
+from tests.made_parts import bracket, looking_at
+from tests.tracking.rendered import CAMERA, GROUND, MadeSequence, draw, poses, prepared
+
+FRAMES = 8
+TROUBLE = 5  # frames before it are good
+SLOW = np.array([0.01, -0.012, 0.008, 0.4, -0.3, 0.5])
+
+
+@pytest.fixture(scope="module")
+def part() -> Part:
+    return bracket()
+
+
+@pytest.fixture(scope="module")
+def model(part: Part) -> PreparedPart:
+    return prepared(part)
+
+
+@pytest.fixture(scope="module")
+def truth(part: Part) -> list[FloatArray]:
+    return poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 250.0, 0.3), FRAMES, SLOW)
+
+
+@pytest.fixture(scope="module")
+def images(part: Part, truth: list[FloatArray]) -> list[ByteImage]:
+    return [draw([(part, pose)], seed) for seed, pose in enumerate(truth)]
+
+
+@pytest.fixture(scope="module")
+def good(model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]) -> TrackRun:
+    return track(model, images, truth)
+
+
+def track(model: PreparedPart, images: list[ByteImage | None], truth: list[FloatArray]) -> TrackRun:
+    return Tracker(model).run(MadeSequence(images, {1: truth}), truth[0])
+
+
+def from_trouble(images: list[ByteImage], change: Callable[[FloatArray], FloatArray]) -> list[ByteImage]:
+    """Images whose later ones are changed."""
+    changed = [np.clip(np.round(change(image.astype(np.float64))), 0, 255).astype(np.uint8) for image in images]
+    return [*images[:TROUBLE], *changed[TROUBLE:]]
+
+
+def without_truth(run: TrackRun) -> TrackRun:
+    assert run.session is not None
+    return replace(run, session=replace(run.session, truth=None))
+
+
+def named(run: TrackRun, frame: int = TROUBLE + 1) -> Diagnosis:
+    """The diagnosis, which must say how things stand and what helps."""
+    diagnosis = diagnose(run, frame)
+    text = str(diagnosis)
+    assert f"Frame {frame} " in text
+    for finding in diagnosis.findings:
+        assert finding.severity >= 1.0
+        assert str(finding.cause) in text
+        assert finding.advice in text
+        assert any(character.isdigit() for character in finding.text)
+    return diagnosis
+
+
+# ---- nothing is wrong ----------------------------------------------------------------------------------------
+
+
+def test_a_good_frame_has_no_cause(good: TrackRun) -> None:
+    for run in (good, without_truth(good)):
+        diagnosis = named(run)
+        assert diagnosis.findings == ()
+        assert diagnosis.is_good
+        assert "Nothing is wrong" in str(diagnosis)
+        assert diagnosis.evidence is not None
+        assert diagnosis.evidence.found_share > 0.7
+
+
+# ---- what the image does ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_few_edges(model: PreparedPart, images: list[ByteImage], truth: list[FloatArray], known: bool) -> None:
+    faint = from_trouble(images, lambda image: 100.0 + 0.06 * (image - 100.0))
+    run = track(model, faint, truth)
+    diagnosis = named(run if known else without_truth(run))
+    assert diagnosis.causes[0] is Cause.FEW_EDGES
+    assert "SearchConfig.contrast" in diagnosis.findings[0].advice
+    assert diagnosis.onset == TROUBLE
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("patterned", [True, False])
+def test_occlusion(
+    model: PreparedPart, images: list[ByteImage], truth: list[FloatArray], known: bool, patterned: bool
+) -> None:
+    def cover(image: FloatArray) -> FloatArray:
+        covered = image.copy()
+        low, high = 0, CAMERA.width // 2 - 2
+        covered[:, low:high] = (230.0, 150.0, 40.0)
+        if patterned:
+            covered[:, low:high:6] = (250.0, 190.0, 80.0)
+        return covered
+
+    run = track(model, from_trouble(images, cover), truth)
+    diagnosis = named(run if known else without_truth(run))
+    assert Cause.OCCLUSION in diagnosis.causes
+    # Where the hiding was seen is where it is.
+    assert diagnosis.evidence is not None
+    hidden = diagnosis.evidence.points[diagnosis.hidden]
+    assert (hidden[:, 0] < CAMERA.width // 2 + 4).mean() > 0.9
+
+
+def test_clutter(model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]) -> None:
+    rng = np.random.default_rng(3)
+    cells = rng.uniform(0.0, 255.0, (CAMERA.height // 3 + 1, CAMERA.width // 3 + 1))
+    pattern = np.kron(cells, np.ones((3, 3)))[: CAMERA.height, : CAMERA.width]
+    cluttered = images[:TROUBLE]
+    for image in images[TROUBLE:]:
+        ground = np.abs(image[..., 0].astype(np.float64) - GROUND) < 12.0
+        changed = image.copy()
+        changed[ground] = pattern[ground, None].astype(np.uint8)
+        cluttered.append(changed)
+    diagnosis = named(track(model, cluttered, truth))
+    assert Cause.CLUTTER in diagnosis.causes
+    (finding,) = [finding for finding in diagnosis.findings if finding.cause is Cause.CLUTTER]
+    assert "reach_px" in finding.advice
+
+
+def test_changed_appearance(model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]) -> None:
+    run = track(model, from_trouble(images, lambda image: 255.0 - image), truth)
+    assert Cause.APPEARANCE in named(run, TROUBLE).causes
+
+
+def test_an_unreadable_image(model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]) -> None:
+    torn: list[ByteImage | None] = list(images)
+    torn[TROUBLE] = None
+    diagnosis = diagnose(track(model, torn, truth), TROUBLE)
+    assert diagnosis.causes[0] is Cause.UNREADABLE
+    assert "the file is empty" in str(diagnosis)
+    assert diagnosis.image is None
+
+
+# ---- what the part does ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_motion_beyond_the_search(part: Part, model: PreparedPart, truth: list[FloatArray], known: bool) -> None:
+    jumped = [pose.copy() for pose in truth]
+    for pose in jumped[TROUBLE:]:
+        pose[:3, 3] += (32.0, 6.0, 0.0)  # about 42 px
+    images = [draw([(part, pose)], seed) for seed, pose in enumerate(jumped)]
+    run = track(model, images, jumped)
+    diagnosis = named(run if known else without_truth(run), TROUBLE)
+    assert Cause.FAST_MOTION in diagnosis.causes
+    (finding,) = [finding for finding in diagnosis.findings if finding.cause is Cause.FAST_MOTION]
+    assert finding.measured == pytest.approx(42.0, abs=4.0)
+    assert "reach_px of at least 4" in finding.advice
+
+
+def test_partly_outside(part: Part, model: PreparedPart, truth: list[FloatArray]) -> None:
+    leaving = [pose.copy() for pose in truth]
+    for number, pose in enumerate(leaving):
+        pose[0, 3] += 9.5 * number
+    images = [draw([(part, pose)], seed) for seed, pose in enumerate(leaving)]
+    diagnosis = named(track(model, images, leaving), FRAMES - 1)
+    assert Cause.OUTSIDE_IMAGE in diagnosis.causes
+    outside = next(finding.measured for finding in diagnosis.findings if finding.cause is Cause.OUTSIDE_IMAGE)
+    pixels = CAMERA.project(transform(leaving[-1], part.vertices))
+    assert outside == pytest.approx(float((pixels[:, 0] > CAMERA.width - 1).mean()), abs=0.3)
+
+
+def test_the_border_of_a_region(good: TrackRun, part: Part) -> None:
+    """Staged in the run itself: a method that hangs on its control points would show it in its quality."""
+    on_border = looking_at(part, np.array([1.0, 0.2, 1.0]) * part.box_size, 250.0)
+    swapping = [
+        replace(result, region=number % 2 * 4, quality=0.2, state=TrackState.WEAK, cam_T_obj=on_border)
+        for number, result in enumerate(good.results[1][TROUBLE:])
+    ]
+    run = replace(good, results={1: (*good.results[1][:TROUBLE], *swapping)})
+    diagnosis = named(run)
+    (finding,) = [finding for finding in diagnosis.findings if finding.cause is Cause.REGION_BORDER]
+    assert "HYSTERESIS" in finding.advice
+
+
+def test_near_degenerate_control_points(good: TrackRun) -> None:
+    flat = np.array([[60.0, 80.0], [140.0, 82.0], [141.0, 86.0], [61.0, 84.0]])
+    squeezed = [replace(result, control_points=flat) for result in good.results[1]]
+    diagnosis = named(replace(good, results={1: tuple(squeezed)}))
+    assert diagnosis.causes == (Cause.DEGENERATE_POINTS,)
+    assert diagnosis.findings[0].measured < 0.06
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.2])
+def test_wrong_focal_length(
+    model: PreparedPart, images: list[ByteImage], truth: list[FloatArray], factor: float
+) -> None:
+    wrong = Camera(CAMERA.width, CAMERA.height, factor * CAMERA.fx, factor * CAMERA.fy, CAMERA.cx, CAMERA.cy)
+
+    class WrongCamera(MadeSequence):
+        def frames(self, max_frames: int | None = None):  # type: ignore[no-untyped-def]
+            for frame in super().frames(max_frames):
+                yield replace(frame, camera=wrong)
+
+    run = Tracker(model).run(WrongCamera(images, {1: truth}), truth[0])
+    diagnosis = named(without_truth(run))
+    assert diagnosis.causes[0] is Cause.UNIT_OR_CAMERA
+    assert f"factor of {factor:.1f}" in diagnosis.findings[0].text
+    assert "fx" in diagnosis.findings[0].advice
+
+
+def test_a_part_in_another_unit(good: TrackRun) -> None:
+    """As with a start pose in tenths of millimetres: the part looks tiny."""
+    far = truth_far = good.starts[1].copy()
+    far[:3, 3] *= 10.0
+    run = replace(good, starts={1: truth_far})
+    diagnosis = named(run)
+    assert diagnosis.causes[0] is Cause.UNIT_OR_CAMERA
+
+
+# ---- the measurements --------------------------------------------------------------------------------------------
+
+
+def test_image_motion_is_that_of_the_image(images: list[ByteImage]) -> None:
+    moved = np.roll(images[0], (7, -11), axis=(0, 1))
+    frames = Frame(0, images[0], CAMERA), Frame(1, moved, CAMERA)
+    points = np.array([[70.0, 50.0], [130.0, 50.0], [130.0, 110.0], [70.0, 110.0]])
+    motion = image_motion(*frames, points, np.zeros(2), 30.0)
+    np.testing.assert_allclose(motion, [-11.0, 7.0])
+    # What was expected is taken where nothing speaks against it.
+    expected = np.array([-10.6, 7.3])
+    np.testing.assert_array_equal(image_motion(*frames, points, expected, 30.0), expected)
+
+
+def test_nothing_matches_noise(images: list[ByteImage]) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, images[0].shape, dtype=np.uint8)
+    points = np.array([[70.0, 50.0], [130.0, 50.0], [130.0, 110.0], [70.0, 110.0]])
+    frames = Frame(0, images[0], CAMERA), Frame(1, noise, CAMERA)
+    assert image_motion(*frames, points, np.zeros(2), 30.0) is None
+
+
+def test_a_part_behind_the_camera_shows_nothing(part: Part, images: list[ByteImage]) -> None:
+    behind = make_pose(np.eye(3), np.array([0.0, 0.0, -300.0]))
+    evidence = PartObserver(part).measure(images[0], CAMERA, behind)
+    assert evidence.found_share == 0.0
+    assert evidence.outside == 1.0
+
+
+# ---- bad input -------------------------------------------------------------------------------------------------
+
+
+def test_bad_input(good: TrackRun) -> None:
+    with pytest.raises(SequenceError, match="no frame 8"):
+        diagnose(good, FRAMES)
+    with pytest.raises(SequenceError, match="object 3"):
+        diagnose(good, 0, object_id=3)
+    with pytest.raises(SequenceError, match="does not know its parts"):
+        diagnose(replace(good, session=None), 0)
+
+
+def test_frames_count_from_the_end_too(good: TrackRun) -> None:
+    assert diagnose(good, -1).frame == FRAMES - 1
+
+
+def test_without_images_the_run_alone_speaks(good: TrackRun) -> None:
+    diagnosis = diagnose(replace(good, sequence=None), 3)
+    assert diagnosis.evidence is None
+    assert diagnosis.findings == ()
