@@ -8,6 +8,7 @@ frame is nowhere undefined.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,12 +77,15 @@ def choose_region(
     half_size: np.ndarray,
     current: int | None = None,
     hysteresis: float = HYSTERESIS,
+    among: Sequence[int] = range(REGION_COUNT),
 ) -> int:
     """The view region of a direction (3,); the current one is kept until another leads by `hysteresis`.
 
     Without hysteresis a part that hovers at a border would swap its control points in every frame.
+    `among`: the regions to choose from, one or more.
     """
-    scores = region_scores(direction_obj, half_size)
+    scores = np.full(REGION_COUNT, -np.inf)
+    scores[list(among)] = region_scores(direction_obj, half_size)[list(among)]
     best = int(np.argmax(scores))
     if current is not None and scores[best] < hysteresis * scores[current]:
         return current

@@ -1,0 +1,46 @@
+"""Bootstrap intervals where the answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.errors import AcpLabError
+from acp_lab.evaluation.bootstrap import bootstrap_mean
+
+
+def test_certainty_has_no_width() -> None:
+    interval = bootstrap_mean([np.ones(30), np.ones(25)])
+    assert (interval.mean, interval.low, interval.high) == (1.0, 1.0, 1.0)
+
+
+def test_sequences_count_alike_whatever_their_length() -> None:
+    assert bootstrap_mean([np.ones(10), np.zeros(90)]).mean == 0.5
+
+
+def test_few_unlike_sequences_leave_much_open(rng: np.random.Generator) -> None:
+    few = bootstrap_mean([np.ones(40), np.zeros(40), np.ones(40)])
+    many = bootstrap_mean([np.full(40, float(k % 3 != 1)) for k in range(60)])
+    assert few.low < 0.1
+    assert few.high > 0.9
+    assert many.high - many.low < 0.3
+    assert many.low < 2 / 3 < many.high
+
+
+def test_blocks_are_wider_than_independent_frames_would_be() -> None:
+    # Twenty frames right, twenty wrong: drawn one by one the mean hardly varies, in blocks it does.
+    halves = bootstrap_mean([np.repeat([1.0, 0.0], 20)] * 4)
+    mixed = bootstrap_mean([np.tile([1.0, 0.0], 20)] * 4)
+    assert halves.high - halves.low > 3.0 * (mixed.high - mixed.low)
+
+
+def test_the_same_seed_gives_the_same_interval(rng: np.random.Generator) -> None:
+    frames = [rng.uniform(size=33) < 0.6 for _ in range(5)]
+    values = [np.asarray(f, float) for f in frames]
+    assert bootstrap_mean(values, seed=3) == bootstrap_mean(values, seed=3)
+
+
+def test_nothing_to_draw_from() -> None:
+    for sequences in ([], [np.zeros(0)]):
+        with pytest.raises(AcpLabError, match="nothing to draw"):
+            bootstrap_mean(sequences)
