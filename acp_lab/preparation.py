@@ -1,7 +1,8 @@
 """The offline phase from start to end: from a CAD part to everything that tracking needs.
 
-Resumable: each generator, and each view region of the learned one, is stored as soon as it is
-complete, and a second run takes up what is there.
+Resumable: each generator, and each view region of those that are trained, is stored as soon as it is
+complete, and a second run takes up what is there. A region of the auto-encoder, minutes of work, also
+goes on within its training.
 """
 
 from __future__ import annotations
@@ -10,16 +11,23 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
 from acp_lab.errors import PreparationError
+from acp_lab.generator.autoencoder_config import AutoencoderConfig
+from acp_lab.generator.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.generator.templates import build_templates
-from acp_lab.prepared_part import PreparedPart, RegionReport, read_header
+from acp_lab.prepared_part import PreparedPart, RegionReport, read_header, write_picture
 
-GENERATORS = ("templates", "learned", "both")
+if TYPE_CHECKING:
+    from acp_lab.control_points.regression import RegressionConfig
+
+GENERATORS = ("templates", "learned", "both", "autoencoder")
+CHECKPOINT_SUFFIX = ".checkpoint.safetensors"
 Progress = Callable[[str, int, int], None]
 
 
@@ -38,9 +46,11 @@ def prepare(
     """Prepare a part for tracking.
 
     Args:
-        generator: "templates" (seconds), "learned" (minutes) or "both".
+        generator: "templates" (seconds), "learned" (minutes), "both", or "autoencoder", the paper's own, with its
+            regressed control points (minutes per region). What the folder holds of other generators is kept.
         fast: less training, for lessons and tests.
-        regions: view regions 0..5 to train; default all. Others fall back to the templates.
+        regions: view regions 0..5 to train; default all. Others fall back to the templates; the auto-encoder does
+            without them.
         edge_break_mm: how far the real part's edges are broken; default what the folder holds, else 0.25.
         seed: of all random choices.
         out: folder of prepared parts; the part is stored in out / part.name. Nothing is stored by default.
@@ -59,13 +69,20 @@ def prepare(
     if seed < 0:
         raise PreparationError(f"--seed {seed}: give 0 or more")
     folder = None if out is None else out / part.name
-    trains = generator != "templates"
+    trains = generator in ("learned", "both")
+    if folder is not None and not resume:
+        for checkpoint in folder.glob(f"*{CHECKPOINT_SUFFIX}"):
+            checkpoint.unlink()
     model = _take_up(part, folder, seed, trains, resume) if folder is not None else None
     model = model or PreparedPart(part, sample_edges(part), seed=seed)
     if edge_break_mm is not None:
         model = replace(model, edge_break_mm=edge_break_mm)
 
     caster = make_caster(part)
+    if generator == "autoencoder":
+        _store(model, folder)
+        model = _regress(model, caster, wanted, fast, seed, folder, progress)
+        return _paint(model, caster, wanted, fast, seed, folder, progress)
     # Regions without a network of their own need the templates to fall back on.
     if (generator != "learned" or len(wanted) < REGION_COUNT) and model.templates is None:
         tell = None if progress is None else (lambda done, total: progress("view templates", done, total))
@@ -123,6 +140,86 @@ def _train(
         model = replace(model, networks={**model.networks, region: network}, reports=(*model.reports, stored))
         _store(model, folder)
     return model
+
+
+def _regress(
+    model: PreparedPart,
+    caster: RayCaster,
+    regions: tuple[int, ...],
+    fast: bool,
+    seed: int,
+    folder: Path | None,
+    progress: Progress | None,
+) -> PreparedPart:
+    """The control points W of each region, paper IV-C."""
+    from acp_lab.control_points.regression import RegressionConfig, regress_points
+
+    config = RegressionConfig.fast() if fast else RegressionConfig()
+    settings = _settings(config, seed)
+    if model.regression != settings:  # the auto-encoders were trained for the old points
+        model = replace(model, regressed_points={}, regression_reports=(), regression=settings)
+        model = replace(model, autoencoders={}, autoencoder_reports=())
+    for region in regions:
+        if region in model.regressed_points:
+            continue
+        tell = _stage_progress(progress, f"control points, region {ALL_REGIONS[region].name}")
+        points, report = regress_points(model.part, model.edges, caster, ALL_REGIONS[region], config, seed, tell)
+        model = replace(
+            model,
+            regressed_points={**model.regressed_points, region: points},
+            regression_reports=(*model.regression_reports, asdict(report)),
+        )
+        _store(model, folder)
+    return model
+
+
+def _paint(
+    model: PreparedPart,
+    caster: RayCaster,
+    regions: tuple[int, ...],
+    fast: bool,
+    seed: int,
+    folder: Path | None,
+    progress: Progress | None,
+) -> PreparedPart:
+    """The edge image generator of each region, paper IV-A."""
+    from acp_lab.generator.autoencoder_training import train_autoencoder
+
+    config = AutoencoderConfig.fast() if fast else AutoencoderConfig()
+    inset_mm = OUTLINE_SHARE_OF_BREAK * model.edge_break_mm
+    config = replace(config, images=replace(config.images, outline_inset_mm=inset_mm))
+    settings = _settings(config, seed)
+    if model.autoencoder_training != settings:
+        model = replace(model, autoencoders={}, autoencoder_reports=(), autoencoder_training=settings)
+    for region in regions:
+        checkpoint = None if folder is None else folder / f"autoencoder_{region}{CHECKPOINT_SUFFIX}"
+        if region in model.autoencoders:
+            if checkpoint is not None:  # of a run that was stopped in its very last moment
+                checkpoint.unlink(missing_ok=True)
+            continue
+        tell = _stage_progress(progress, f"auto-encoder, region {ALL_REGIONS[region].name}")
+        points = model.regressed_points[region]
+        trained = train_autoencoder(model.part, caster, ALL_REGIONS[region], points, config, seed, tell, checkpoint)
+        model = replace(
+            model,
+            autoencoders={**model.autoencoders, region: trained.autoencoder},
+            autoencoder_reports=(*model.autoencoder_reports, trained.report),
+        )
+        if folder is not None:
+            write_picture(folder / f"autoencoder_{region}.png", trained.grid)
+        _store(model, folder)
+        if checkpoint is not None:
+            checkpoint.unlink(missing_ok=True)
+    return model
+
+
+def _settings(config: RegressionConfig | AutoencoderConfig, seed: int) -> str:
+    """Identifies a training: all settings and the seed, on one line."""
+    return f"seed={seed}, " + ", ".join(f"{key}={value}" for key, value in asdict(config).items())
+
+
+def _stage_progress(progress: Progress | None, stage: str) -> Callable[[int, int], None] | None:
+    return None if progress is None else (lambda done, total: progress(stage, done, total))
 
 
 def _store(model: PreparedPart, folder: Path | None) -> None:

@@ -5,6 +5,8 @@
                       edges.safetensors             3D edge samples
                       templates.safetensors         views and what each hides        (generator templates)
                       visibility_0.safetensors ...  one network per view region      (generator learned)
+                      control_points_0.safetensors  regressed W per view region      (generator autoencoder)
+                      autoencoder_0.safetensors ... decoder and latent regressors    (generator autoencoder)
 
 Files are written whole or not at all; part.json comes last and names what is complete.
 """
@@ -19,6 +21,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
@@ -27,10 +30,15 @@ from safetensors.numpy import save as serialise
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import PreparationError
+from acp_lab.generator.autoencoder_config import AutoencoderReport
 from acp_lab.generator.base import RigidGenerator
+from acp_lab.generator.image_generator import AutoencoderGenerator, PointSet, RegionAutoencoder
 from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
+from acp_lab.geometry.arrays import ByteImage
 
 FORMAT_VERSION = 1
 # Chosen by measuring on sequences with and without broken edges, see docs/benchmark.md.
@@ -62,6 +70,10 @@ class PreparedPart:
         networks: visibility networks by region 0..5, if trained.
         reports: one per trained network.
         training: identifies the settings that the networks were trained with.
+        regressed_points: the regressed W (4, 3) mm by region 0..5, where they were regressed.
+        regression_reports: what the regression did to each, as numbers by name; regression: identifies its settings.
+        autoencoders: the paper's edge image generator by region 0..5, if trained.
+        autoencoder_reports: one per trained region; autoencoder_training: identifies the settings.
     """
 
     part: Part
@@ -72,12 +84,18 @@ class PreparedPart:
     networks: Mapping[int, RegionNetwork] = field(default_factory=dict)
     reports: tuple[RegionReport, ...] = ()
     training: str = ""
+    regressed_points: Mapping[int, np.ndarray] = field(default_factory=dict)
+    regression_reports: tuple[Mapping[str, Any], ...] = ()
+    regression: str = ""
+    autoencoders: Mapping[int, RegionAutoencoder] = field(default_factory=dict)
+    autoencoder_reports: tuple[AutoencoderReport, ...] = ()
+    autoencoder_training: str = ""
 
     @property
     def generator_names(self) -> tuple[str, ...]:
         """Generators that are prepared, the best first."""
-        names = ("learned",) if self.networks else ()
-        return (*names, "templates") if self.templates is not None else names
+        made = {"learned": self.networks, "templates": self.templates is not None, "autoencoder": self.autoencoders}
+        return tuple(name for name, there in made.items() if there)
 
     def best_generator(self) -> RigidGenerator:
         """The learned generator, else the templates.
@@ -93,6 +111,34 @@ class PreparedPart:
                 f"run: acp-lab prepare {self.part.path or 'MESH'} --out PARTS_DIR"
             )
         return self.templates
+
+    def autoencoder(self) -> AutoencoderGenerator:
+        """The paper's t(I).
+
+        Raises:
+            PreparationError: it is not prepared.
+        """
+        if not self.autoencoders:
+            raise PreparationError(f"{self.part.name}: no auto-encoder is prepared; {self._autoencoder_command()}")
+        return AutoencoderGenerator(self.autoencoders, self.part.name)
+
+    def control_points(self, region: int, point_set: PointSet) -> np.ndarray:
+        """(4, 3) mm: W of a view region 0..5, as regressed or the box's middle section as it is.
+
+        Raises:
+            PreparationError: the region's points are not regressed.
+        """
+        if point_set == "mid-section":
+            return mid_section_points(self.part.box_min, self.part.box_max, ALL_REGIONS[region].axis)
+        if region not in self.regressed_points:
+            raise PreparationError(
+                f"{self.part.name}: the control points of view region {region} are not regressed; "
+                f"{self._autoencoder_command()}"
+            )
+        return self.regressed_points[region]
+
+    def _autoencoder_command(self) -> str:
+        return f"run: acp-lab prepare {self.part.path or 'MESH'} --out PARTS_DIR --generator autoencoder"
 
     def save(self, folder: Path) -> None:
         """Write the whole part; each file atomically, part.json last."""
@@ -120,6 +166,10 @@ class PreparedPart:
             # float16 halves the folder; the last layer is nearly all of it, and logits near 0 are undecided anyway.
             stored = {**vars(network), "weight3": network.weight3.astype(np.float16)}
             _save(folder / f"visibility_{region}.safetensors", stored)
+        for region, points in self.regressed_points.items():
+            _save(folder / f"control_points_{region}.safetensors", {"points_obj": points})
+        for region, autoencoder in self.autoencoders.items():
+            _save(folder / f"autoencoder_{region}.safetensors", autoencoder.arrays())
         _write(folder / "part.json", (json.dumps(self._header(), indent=2) + "\n").encode())
 
     @staticmethod
@@ -179,6 +229,22 @@ class PreparedPart:
                 "held_out_hidden_found": float(np.mean([report.hidden_found for report in self.reports])),
                 "regions": [asdict(report) for report in self.reports],
             }
+        if self.autoencoders:
+            qualities = [report.generated for report in self.autoencoder_reports]
+            header["generators"]["autoencoder"] = {
+                "training": self.autoencoder_training,
+                "held_out_chamfer_px": {
+                    "generated_to_true": float(np.mean([quality.generated_to_true_px for quality in qualities])),
+                    "true_to_generated": float(np.mean([quality.true_to_generated_px for quality in qualities])),
+                },
+                "held_out_f_score": float(np.mean([quality.f_score for quality in qualities])),
+                "regions": [asdict(report) for report in self.autoencoder_reports],
+            }
+        if self.regressed_points:
+            header["control_points"] = {
+                "regression": self.regression,
+                "regions": [dict(report) for report in self.regression_reports],
+            }
         return header
 
 
@@ -201,6 +267,12 @@ def read_header(folder: Path, mend: str) -> dict[str, Any]:
     return dict(header)
 
 
+def write_picture(path: Path, picture: ByteImage) -> None:
+    """A grey picture (h, w) uint8 as PNG, whole or not at all."""
+    _, content = cv2.imencode(".png", picture)
+    _write(path, content.tobytes())
+
+
 def _retract(path: Path, sha256: str) -> None:
     """Take back a part.json of another mesh: until it is written anew, the files beside it are of both."""
     try:
@@ -217,6 +289,7 @@ def _save(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _write(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     temporary.write_bytes(content)
     os.replace(temporary, path)
@@ -259,6 +332,10 @@ def _assemble(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -
     for region, network in networks.items():
         if len(network.rows) and network.rows.max() >= len(edges):
             raise ValueError(f"the network of region {region} knows more edge samples than there are")
+    # Parts prepared before there was an auto-encoder have neither of these two keys.
+    painted, regression = generators.get("autoencoder", {}), header.get("control_points", {})
+    painted_reports = tuple(AutoencoderReport.from_json(report) for report in painted.get("regions", ()))
+    regression_reports = tuple(regression.get("regions", ()))
     return PreparedPart(
         part,
         edges,
@@ -268,6 +345,12 @@ def _assemble(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -
         networks,
         reports,
         generators.get("learned", {}).get("training", ""),
+        {report["region"]: _load_points(folder, report["region"]) for report in regression_reports},
+        regression_reports,
+        regression.get("regression", ""),
+        {report.region: load_autoencoder(folder, report.region) for report in painted_reports},
+        painted_reports,
+        painted.get("training", ""),
     )
 
 
@@ -275,6 +358,18 @@ def load_network(folder: Path, region: int) -> RegionNetwork:
     """The visibility network of one region 0..5."""
     stored = load_file(folder / f"visibility_{region}.safetensors")
     return RegionNetwork(**{**stored, "weight3": stored["weight3"].astype(np.float32)})
+
+
+def load_autoencoder(folder: Path, region: int) -> RegionAutoencoder:
+    """The edge image generator of one region 0..5."""
+    return RegionAutoencoder.from_arrays(load_file(folder / f"autoencoder_{region}.safetensors"))
+
+
+def _load_points(folder: Path, region: int) -> np.ndarray:
+    points: np.ndarray = load_file(folder / f"control_points_{region}.safetensors")["points_obj"]
+    if points.shape != (4, 3):
+        raise ValueError(f"control points of shape {points.shape}")
+    return points
 
 
 def _sha256(path: Path, mend: str) -> str:

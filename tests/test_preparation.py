@@ -8,13 +8,18 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.regression import RegressionConfig
 from acp_lab.errors import PartError, PreparationError
+from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
+from acp_lab.generator.edge_images import EdgeImageConfig
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.training import TrainingConfig
 from acp_lab.preparation import prepare
@@ -47,6 +52,16 @@ def quick_work() -> Iterator[None]:
     torch.set_num_threads(1)
     patch = pytest.MonkeyPatch()
     patch.setattr(TrainingConfig, "fast", lambda: TrainingConfig(views=20, held_out=5, epochs=2, batch=10, hidden=8))
+    tiny = AutoencoderConfig(
+        images=EdgeImageConfig(size=32, views=8, held_out=2),
+        shape=NetworkShape(latent=8, widths=(8, 8, 4), hidden=16),
+        autoencoder_epochs=1,
+        latent_epochs=1,
+        fine_tune_epochs=1,
+        second_epochs=1,
+    )
+    patch.setattr(AutoencoderConfig, "fast", lambda: tiny)
+    patch.setattr(RegressionConfig, "fast", lambda: RegressionConfig(views=4, steps=2))
     patch.setattr("acp_lab.preparation.build_templates", partial(build_templates, subdivisions=1))
     patch.setattr("acp_lab.preparation.sample_edges", lambda part: sample_edges(part, spacing_mm=2.0))
     yield
@@ -61,7 +76,8 @@ def folder_bytes(folder: Path) -> dict[str, bytes]:
 def header(folder: Path) -> dict:  # type: ignore[type-arg]
     """part.json without what differs from run to run: the seconds."""
     values: dict = json.loads((folder / "part.json").read_text())  # type: ignore[type-arg]
-    for region in values["generators"].get("learned", {}).get("regions", ()):
+    makers = [*values["generators"].values(), values.get("control_points", {})]
+    for region in [region for maker in makers for region in maker.get("regions", ())]:
         region.pop("train_s")
     return values
 
@@ -185,6 +201,101 @@ def test_another_seed_trains_and_no_resume_starts_anew(tmp_path: Path) -> None:
     assert model.generator_names == PreparedPart.load(tmp_path / "bracket").generator_names == ("templates",)
 
 
+# ---- the paper's generator -----------------------------------------------------------------------------------
+
+
+def paint(out: Path, told: Told | None = None, **wishes: Any) -> PreparedPart:
+    return prepare(bracket(), generator="autoencoder", fast=True, out=out, progress=told, **wishes)
+
+
+def test_control_points_and_auto_encoders(tmp_path: Path) -> None:
+    told = Told()
+    model = paint(tmp_path, told, regions=(4, 1))
+    assert told.stages == [
+        f"{what}, region {name}" for what in ("control points", "auto-encoder") for name in ("-x", "+z")
+    ]
+    assert model.generator_names == ("autoencoder",)
+    folder = tmp_path / "bracket"
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *(f"autoencoder_{region}.{kind}" for region in (1, 4) for kind in ("png", "safetensors")),
+        *(f"control_points_{region}.safetensors" for region in (1, 4)),
+        "edges.safetensors",
+        "mesh.safetensors",
+        "part.json",
+    ]
+    info = header(folder)
+    assert [region["region"] for region in info["control_points"]["regions"]] == [1, 4]
+    painted = info["generators"]["autoencoder"]
+    assert [region["region"] for region in painted["regions"]] == [1, 4]
+    assert set(painted["held_out_chamfer_px"]) == {"generated_to_true", "true_to_generated"}
+    # Outlines are painted where broken edges show them.
+    assert f"'outline_inset_mm': {0.6 * DEFAULT_EDGE_BREAK_MM}" in painted["training"]
+    with pytest.raises(PreparationError, match="no generator is prepared"):
+        model.best_generator()
+
+    back = PreparedPart.load(folder)
+    generator = back.autoencoder()
+    assert generator.regions == (1, 4)
+    for region in (1, 4):
+        np.testing.assert_array_equal(back.control_points(region, "regressed"), generator.points_obj(region))
+        middle = mid_section_points(back.part.box_min, back.part.box_max, region // 2)
+        np.testing.assert_array_equal(back.control_points(region, "mid-section"), middle)
+        np.testing.assert_array_equal(generator.points_obj(region, "mid-section"), middle)
+    at = np.array([[8.0, 8.0], [24.0, 8.0], [24.0, 24.0], [8.0, 24.0]])
+    np.testing.assert_array_equal(generator.edge_image(at, 4), model.autoencoder().edge_image(at, 4))
+
+
+def test_each_generator_keeps_the_others(tmp_path: Path) -> None:
+    prepare(bracket(), fast=True, regions=(3,), out=tmp_path)
+    kept = folder_bytes(tmp_path / "bracket")
+    # Another seed: the visibility networks stay, for nothing was asked of them.
+    model = paint(tmp_path, regions=(3,), seed=8)
+    assert model.generator_names == ("learned", "templates", "autoencoder")
+    assert {name: data for name, data in folder_bytes(tmp_path / "bracket").items() if name in kept} == kept
+    painted = folder_bytes(tmp_path / "bracket")
+    told = Told()
+    again = prepare(bracket(), fast=True, regions=(3,), out=tmp_path, progress=told)
+    assert told.stages == []
+    assert again.generator_names == ("learned", "templates", "autoencoder")
+    assert folder_bytes(tmp_path / "bracket") == painted
+
+
+def test_an_interrupted_region_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    paint(tmp_path / "one_go", regions=(0, 2))
+    with pytest.raises(KeyboardInterrupt):
+        paint(tmp_path / "two_goes", Told(stop_at="auto-encoder, region +y"), regions=(0, 2))
+    folder = tmp_path / "two_goes" / "bracket"
+    assert (folder / "autoencoder_2.checkpoint.safetensors").is_file()
+    assert not (folder / "autoencoder_0.checkpoint.safetensors").exists()
+    assert PreparedPart.load(folder).autoencoder().regions == (0,)
+    counts: list[int] = []
+    told = Told()
+
+    def count(stage: str, done: int, total: int) -> None:
+        told(stage, done, total)
+        counts.append(done)
+
+    paint(tmp_path / "two_goes", count, regions=(0, 2))  # type: ignore[arg-type]
+    assert told.stages == ["auto-encoder, region +y"]
+    assert counts == [2, 3, 4]
+    assert not (folder / "autoencoder_2.checkpoint.safetensors").exists()
+    assert folder_bytes(tmp_path / "one_go" / "bracket") == folder_bytes(folder)
+    assert header(tmp_path / "one_go" / "bracket") == header(folder)
+
+
+@pytest.mark.parametrize("wish", [{"seed": 1}, {"edge_break_mm": 0.4}, {"resume": False}], ids=str)
+def test_other_wishes_train_anew(tmp_path: Path, wish: dict[str, Any]) -> None:
+    paint(tmp_path, regions=(0,))
+    with pytest.raises(KeyboardInterrupt):
+        paint(tmp_path, Told(stop_at="auto-encoder, region -x"), regions=(1,))
+    told = Told()
+    model = paint(tmp_path, told, regions=(1,), **wish)
+    assert told.stages[-1] == "auto-encoder, region -x"
+    assert ("control points, region -x" in told.stages) == ("edge_break_mm" not in wish)
+    assert sorted(model.autoencoders) == [1]
+    assert sorted(PreparedPart.load(tmp_path / "bracket").autoencoders) == [1]
+
+
 # ---- what is refused -----------------------------------------------------------------------------------------
 
 
@@ -214,7 +325,7 @@ def test_a_damaged_folder_is_refused_unless_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wish", "message"),
     [
-        ({"generator": "magic"}, "--generator magic: choose one of templates, learned, both"),
+        ({"generator": "magic"}, "--generator magic: choose one of templates, learned, both, autoencoder"),
         ({"regions": ()}, "--regions"),
         ({"regions": (6,)}, "--regions"),
         ({"regions": (-1, 2)}, "--regions"),

@@ -15,7 +15,11 @@ from acp_lab.cad.edges import EdgeSamples, sample_edges
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
+from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.errors import PreparationError
+from acp_lab.generator.autoencoder_config import AutoencoderReport
+from acp_lab.generator.generation_quality import GenerationQuality
+from acp_lab.generator.image_generator import RegionAutoencoder
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, FORMAT_VERSION, PreparedPart, RegionReport
@@ -40,6 +44,31 @@ def made(part: Part) -> PreparedPart:
         networks={0: network(edges, 0), 4: network(edges, 1)},
         reports=(RegionReport(0, 0.9, 0.8, 0.7, 0.1, 2.5), RegionReport(4, 0.95, 0.85, 0.75, 0.05, 3.5)),
         training="views=10, epochs=2",
+    )
+
+
+def autoencoder(seed: int) -> RegionAutoencoder:
+    """Arrays of the right names; nobody uses them here."""
+    rng = np.random.default_rng(seed)
+    tensors = {
+        "decoder.0.weight": rng.standard_normal((6, 4)).astype(np.float16),
+        "regressed.centre": rng.standard_normal(8).astype(np.float32),
+    }
+    return RegionAutoencoder(tensors, np.array([32, 4, 8, 8, 4, 16, 1], np.int32), rng.standard_normal((2, 4, 3)))
+
+
+def painted(model: PreparedPart) -> PreparedPart:
+    """The same part with the paper's generator for regions 1 and 3."""
+    quality = GenerationQuality(0.5, 0.7, 0.8)
+    report = AutoencoderReport(1, quality, quality, quality, 0.1, 0.2, 0.3, 0.4, 5.0)
+    return replace(
+        model,
+        regressed_points={region: np.full((4, 3), float(region)) for region in (1, 3)},
+        regression_reports=({"region": 1, "train_s": 2.5}, {"region": 3, "train_s": 2.0}),
+        regression="steps=3",
+        autoencoders={region: autoencoder(region) for region in (1, 3)},
+        autoencoder_reports=(report, replace(report, region=3)),
+        autoencoder_training="views=4",
     )
 
 
@@ -165,6 +194,53 @@ def ply(part: Part) -> bytes:
     lines += [" ".join(f"{value:g}" for value in vertex) for vertex in part.vertices]
     lines += [f"3 {a} {b} {c}" for a, b, c in part.faces]
     return ("\n".join(lines) + "\n").encode()
+
+
+def test_the_papers_generator_comes_back(model: PreparedPart, tmp_path: Path) -> None:
+    made = painted(model)
+    made.save(tmp_path / "bracket")
+    back = PreparedPart.load(tmp_path / "bracket")
+    assert back.generator_names == ("learned", "templates", "autoencoder")
+    assert (back.regression, back.autoencoder_training) == ("steps=3", "views=4")
+    assert back.regression_reports == made.regression_reports
+    assert back.autoencoder_reports == made.autoencoder_reports
+    for region in (1, 3):
+        np.testing.assert_array_equal(back.control_points(region, "regressed"), np.full((4, 3), float(region)))
+        for name, value in made.autoencoders[region].arrays().items():
+            loaded = back.autoencoders[region].arrays()[name]
+            np.testing.assert_array_equal(loaded, value)
+            assert loaded.dtype == value.dtype
+    assert back.autoencoder().regions == (1, 3)
+
+
+def test_what_the_papers_method_lacks_is_told_with_the_command(model: PreparedPart) -> None:
+    command = r"run: acp-lab prepare MESH --out PARTS_DIR --generator autoencoder"
+    with pytest.raises(PreparationError, match=f"bracket: no auto-encoder is prepared; {command}"):
+        model.autoencoder()
+    with pytest.raises(PreparationError, match=f"control points of view region 2 are not regressed; {command}"):
+        painted(model).control_points(2, "regressed")
+    expected = mid_section_points(model.part.box_min, model.part.box_max, 1)
+    np.testing.assert_array_equal(model.control_points(2, "mid-section"), expected)
+
+
+@pytest.mark.parametrize("damage", ["no file", "cut", "another format", "no points", "a report lacks a number"])
+def test_a_damaged_auto_encoder_is_told(model: PreparedPart, tmp_path: Path, damage: str) -> None:
+    folder = tmp_path / "bracket"
+    painted(model).save(folder)
+    file = folder / "autoencoder_3.safetensors"
+    if damage == "no file":
+        file.unlink()
+    elif damage == "cut":
+        file.write_bytes(file.read_bytes()[:-20])
+    elif damage == "another format":
+        edit_tensors(file.name, lambda tensors: tensors.update(sizes=tensors["sizes"] + 1))(folder)
+    elif damage == "no points":
+        (folder / "control_points_1.safetensors").unlink()
+    else:
+        edit_header(lambda header: header["generators"]["autoencoder"]["regions"][0].pop("generated"))(folder)
+    with pytest.raises(PreparationError, match=r"damaged .*run: acp-lab prepare MESH .*--no-resume") as caught:
+        PreparedPart.load(folder)
+    assert "\n" not in str(caught.value)
 
 
 # ---- damage --------------------------------------------------------------------------------------------------

@@ -1,12 +1,14 @@
-"""Generators t(I): from image control points to the edges a view shows. `training` is apart, it needs torch."""
+"""Generators t(I): from image control points to the edges a view shows. What trains them is apart, it needs torch."""
 
 from __future__ import annotations
 
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, generate_edges, project_samples
+from acp_lab.generator.image_generator import AutoencoderGenerator
 from acp_lab.generator.templates import TemplateGenerator, build_templates
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 
 __all__ = [
+    "AutoencoderGenerator",
     "GeneratedEdges",
     "RegionNetwork",
     "RigidGenerator",

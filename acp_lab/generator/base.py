@@ -44,6 +44,11 @@ class GeneratedEdges:
     def __len__(self) -> int:
         return len(self.points)
 
+    @property
+    def normals(self) -> np.ndarray:
+        """(n, 2) unit, the tangents turned from x towards y."""
+        return np.stack([-self.tangents[:, 1], self.tangents[:, 0]], 1)
+
     def image(self, width: int, height: int, half_length_px: float = 1.0) -> np.ndarray:
         """The edge image E of eq. 5: (height, width) uint8, 0 or 255, short strokes along the tangents."""
         canvas = np.zeros((height, width), np.uint8)

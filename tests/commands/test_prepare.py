@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 
 from acp_lab.commands.prepare import read_part
+from acp_lab.control_points.regression import RegressionConfig
+from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
+from acp_lab.generator.edge_images import EdgeImageConfig
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import edit_json
 from tests.sequences.tiny_dataset import write_box, write_models
@@ -33,6 +36,38 @@ def test_a_folder_named_after_the_mesh(capsys: pytest.CaptureFixture[str], tmp_p
     assert "version" in json.dumps(info)
     kinds = {path.suffix for path in folder.iterdir()}
     assert kinds == {".json", ".safetensors"}
+
+
+def test_the_papers_generator(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny = AutoencoderConfig(
+        images=EdgeImageConfig(size=32, views=8, held_out=2),
+        shape=NetworkShape(latent=8, widths=(8, 8, 4), hidden=16),
+        autoencoder_epochs=1,
+        latent_epochs=1,
+        fine_tune_epochs=0,
+        second_epochs=1,
+    )
+    monkeypatch.setattr(AutoencoderConfig, "fast", lambda: tiny)
+    monkeypatch.setattr(RegressionConfig, "fast", lambda: RegressionConfig(views=4, steps=2))
+    words = (
+        "prepare",
+        mesh,
+        "--out",
+        tmp_path / "parts",
+        "--generator",
+        "autoencoder",
+        "--fast",
+        "--regions",
+        "2",
+        "5",
+    )
+    outcome = run(capsys, *words)
+    assert (outcome.status, outcome.err) == (0, "")
+    folder = tmp_path / "parts" / "block"
+    assert {f"autoencoder_{region}.png" for region in (2, 5)} <= {path.name for path in folder.iterdir()}
+    assert sorted(json.loads((folder / "part.json").read_text())["generators"]) == ["autoencoder"]
 
 
 def test_several_meshes(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:

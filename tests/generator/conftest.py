@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 
 from acp_lab.cad.edges import EdgeSamples, sample_edges
@@ -29,3 +31,14 @@ def caster(part: Part) -> RayCaster:
 @pytest.fixture(scope="session")
 def templates(part: Part, edges: EdgeSamples, caster: RayCaster) -> TemplateGenerator:
     return build_templates(part, edges, caster)
+
+
+@pytest.fixture(scope="module")
+def one_torch_thread() -> Iterator[None]:
+    """Matrices this small gain nothing from a second one, and two that wait for each other on a busy machine crawl."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)

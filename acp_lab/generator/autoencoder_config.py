@@ -1,0 +1,99 @@
+"""Settings of the edge image generator and what is reported about it; light, so that reading a part needs no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from acp_lab.errors import PreparationError
+from acp_lab.generator.edge_images import EdgeImageConfig
+from acp_lab.generator.generation_quality import GenerationQuality
+
+SMALLEST_SIZE = 16
+
+
+@dataclass(frozen=True)
+class NetworkShape:
+    """Sizes of the networks of one region.
+
+    Attributes:
+        size: side of the image, px, a multiple of 16.
+        latent: length of the latent code.
+        widths: channels on the decoder's grids of size/16, size/8 and size/4 cells.
+        hidden: width of the two hidden layers of the latent regressor.
+    """
+
+    size: int = 128
+    latent: int = 128
+    widths: tuple[int, int, int] = (64, 64, 48)
+    hidden: int = 256
+
+    def __post_init__(self) -> None:
+        if self.size < SMALLEST_SIZE or self.size % 16:
+            raise PreparationError(f"edge images of {self.size} px: choose a multiple of 16, such as 128")
+
+
+@dataclass(frozen=True)
+class AutoencoderConfig:
+    """Settings of one region's training.
+
+    Attributes:
+        images: the training set; shape: the networks, whose image size is that of the training set.
+        autoencoder_epochs, latent_epochs, fine_tune_epochs, second_epochs: of the four stages.
+        autoencoder_rate, latent_rate, fine_tune_rate: largest learning rates; the second regressor takes the latter
+            of stage 2.
+        batch: images per step.
+    """
+
+    images: EdgeImageConfig = field(default_factory=EdgeImageConfig)
+    shape: NetworkShape = field(default_factory=NetworkShape)
+    autoencoder_epochs: int = 16
+    latent_epochs: int = 12
+    fine_tune_epochs: int = 20
+    second_epochs: int = 40
+    autoencoder_rate: float = 4e-2
+    latent_rate: float = 2e-2
+    fine_tune_rate: float = 4e-3
+    batch: int = 16
+
+    @classmethod
+    def fast(cls) -> AutoencoderConfig:
+        """A third of the views and fewer epochs, for lessons and tests: recognisable, not exact."""
+        return cls(
+            images=EdgeImageConfig(views=350, held_out=40),
+            autoencoder_epochs=6,
+            latent_epochs=5,
+            fine_tune_epochs=5,
+            second_epochs=10,
+        )
+
+
+@dataclass(frozen=True)
+class AutoencoderReport:
+    """How good one region's generator is on held-out, jittered views.
+
+    Attributes:
+        region: 0..5.
+        generated: t(I) with the regressed W; mid_section: with that of the middle section.
+        reconstructed: the auto-encoder itself, at the end of stage 1.
+        autoencoder_loss, latent_loss, fine_tune_loss, second_loss: means over each stage's last epoch; 0 for a stage
+            that is switched off.
+        train_s: wall seconds, in all runs together.
+    """
+
+    region: int
+    generated: GenerationQuality
+    mid_section: GenerationQuality
+    reconstructed: GenerationQuality
+    autoencoder_loss: float
+    latent_loss: float
+    fine_tune_loss: float
+    second_loss: float
+    train_s: float
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> AutoencoderReport:
+        """The inverse of dataclasses.asdict; raises TypeError or KeyError for anything else."""
+        qualities = {name: GenerationQuality(**values[name]) for name in ("generated", "mid_section", "reconstructed")}
+        return cls(**{**values, **qualities})

@@ -1,0 +1,301 @@
+"""Training of one region's edge image generator (paper IV-A): the two stages, and two more that make it usable.
+
+1. Auto-encoder: edge image -> latent code -> edge image, by eq. 4.
+2. Latent regressor: control points -> latent code, by the mean square error against the encoder's codes; the decoder
+   stays as it is. With this the paper is done.
+3. Fine-tuning: regressor and decoder together, again by eq. 4. (Deviation from the paper; 0 epochs switch it off.)
+4. A second regressor onto the same decoder, for control points that belong to the box's middle section as it is. Its
+   targets are the codes of the first one, so no image is drawn.
+
+Every epoch draws each view once, by a freshly jittered camera. All random choices of an epoch come from (seed,
+region, stage, epoch), so that a training that goes on from its checkpoint ends in the same numbers as one in one go.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import RayCaster
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.view_regions import ViewRegion
+from acp_lab.generator.autoencoder import Decoder, Encoder, autoencoder_loss
+from acp_lab.generator.autoencoder_config import AutoencoderConfig, AutoencoderReport
+from acp_lab.generator.edge_images import EdgeView, draw_views, jitter_homographies, make_edge_views, true_points
+from acp_lab.generator.generation_quality import comparison_grid, generation_quality
+from acp_lab.generator.image_generator import POINT_SETS, AutoencoderGenerator, PointSet, RegionAutoencoder
+from acp_lab.generator.latent_regressor import LatentRegressor
+from acp_lab.generator.orthogonal_steps import OrthogonalSteps
+from acp_lab.generator.training_checkpoint import Checkpoint, load_checkpoint
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
+from acp_lab.geometry.homography import apply_homography
+
+Progress = Callable[[int, int], None]
+
+# The learning rate rises over this share of a stage, then falls along a cosine.
+WARM_UP = 0.2
+GRID_ROWS = 8
+
+
+@dataclass(frozen=True)
+class TrainedRegion:
+    """What training gives: the networks, how good they are, and a picture of held-out views.
+
+    Attributes:
+        grid: (h, w) uint8, a row per view: truth, auto-encoder, t(I).
+    """
+
+    autoencoder: RegionAutoencoder
+    report: AutoencoderReport
+    grid: ByteImage
+
+
+def train_autoencoder(
+    part: Part,
+    caster: RayCaster,
+    region: ViewRegion,
+    regressed_points: FloatArray,
+    config: AutoencoderConfig,
+    seed: int,
+    progress: Progress | None = None,
+    checkpoint: Path | None = None,
+) -> TrainedRegion:
+    """Train one region's generator; the same seed and thread count give the same weights.
+
+    It works in as many threads as torch is set to.
+
+    Args:
+        regressed_points: (4, 3) mm, the region's W; the middle section's is trained beside it.
+        progress: called with (epochs done, epochs in all), after the epoch was stored.
+        checkpoint: file to store half-trained networks in and to go on from; it is left for the caller to remove.
+
+    Raises:
+        PreparationError: settings that do not fit together.
+        PartError: the mesh has no edges.
+    """
+    points: dict[PointSet, FloatArray] = {
+        "regressed": regressed_points,
+        "mid-section": mid_section_points(part.box_min, part.box_max, region.axis),
+    }
+    training = _Training(part, caster, region, points, config, seed, checkpoint)
+    training.run(progress)
+    return training.result()
+
+
+@dataclass(frozen=True)
+class _Stage:
+    epochs: int
+    rate: float
+    parameters: list[torch.nn.Parameter]
+    batch_loss: Callable[[_Batch], Tensor]
+    draws: bool
+
+
+@dataclass(frozen=True)
+class _Batch:
+    images: Tensor  # (b, 1, size, size); empty where a stage draws none
+    points: Mapping[PointSet, Tensor]  # (b, 8) each
+
+
+class _Training:
+    def __init__(
+        self,
+        part: Part,
+        caster: RayCaster,
+        region: ViewRegion,
+        points_obj: Mapping[PointSet, FloatArray],
+        config: AutoencoderConfig,
+        seed: int,
+        checkpoint: Path | None,
+    ) -> None:
+        self._begin = time.perf_counter()
+        self._region, self._config, self._seed, self._path = region.index, config, seed, checkpoint
+        self._points_obj = points_obj
+        marks = (config, seed, region.index, part.sha256, [points_obj[name].tolist() for name in POINT_SETS])
+        self._belongs_to = hashlib.sha256(repr(marks).encode()).hexdigest()
+
+        images = config.images
+        self._shape = replace(config.shape, size=images.size)
+        views = make_edge_views(part, caster, region, images, images.views + images.held_out, seed)
+        self._views, self._held_out = views[: images.views], views[images.views :]
+        self._held_out_h = jitter_homographies([v.frame for v in self._held_out], images, self._rng(9, 0))
+
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed * 100 + region.index)
+            self.encoder, self.decoder = Encoder(self._shape), Decoder(self._shape)
+            self.regressors: dict[PointSet, LatentRegressor] = {
+                name: LatentRegressor(self._shape) for name in POINT_SETS
+            }
+        drawn = jitter_homographies([v.frame for v in self._views], images, self._rng(8, 0))
+        for name, points in self._control_points(self._views, drawn).items():
+            self.regressors[name].standardise(points)
+        self._stages = self._make_stages()
+        self._reconstructions = torch.zeros(len(self._held_out), images.size, images.size)
+        self._losses: list[float] = []
+        self._earlier_s = 0.0
+
+    def _make_stages(self) -> tuple[_Stage, ...]:
+        config, first, second = self._config, self.regressors["regressed"], self.regressors["mid-section"]
+
+        def reconstruction(batch: _Batch) -> Tensor:
+            return autoencoder_loss(self.decoder(self.encoder(batch.images)), batch.images)
+
+        def code(batch: _Batch) -> Tensor:
+            with torch.no_grad():
+                target = self.encoder(batch.images)
+            return torch.nn.functional.mse_loss(first(batch.points["regressed"]), target)
+
+        def generation(batch: _Batch) -> Tensor:
+            return autoencoder_loss(self.decoder(first(batch.points["regressed"])), batch.images)
+
+        def same_code(batch: _Batch) -> Tensor:
+            with torch.no_grad():
+                target = first(batch.points["regressed"])
+            return torch.nn.functional.mse_loss(second(batch.points["mid-section"]), target)
+
+        both = [*self.encoder.parameters(), *self.decoder.parameters()]
+        tuned = [*first.parameters(), *self.decoder.parameters()]
+        return (
+            _Stage(config.autoencoder_epochs, config.autoencoder_rate, both, reconstruction, True),
+            _Stage(config.latent_epochs, config.latent_rate, list(first.parameters()), code, True),
+            _Stage(config.fine_tune_epochs, config.fine_tune_rate, tuned, generation, True),
+            _Stage(config.second_epochs, config.latent_rate, list(second.parameters()), same_code, False),
+        )
+
+    def run(self, progress: Progress | None) -> None:
+        """All stages, from the checkpoint if there is a fitting one."""
+        total = sum(stage.epochs for stage in self._stages)
+        start = load_checkpoint(self._path, self._belongs_to) if self._path is not None else None
+        done = 0
+        for number, stage in enumerate(self._stages):
+            if start is not None and number < start.stage:
+                done += stage.epochs
+                continue
+            steps, first_epoch = OrthogonalSteps(stage.parameters), 0
+            if start is not None and number == start.stage:
+                self._restore(start, steps)
+                first_epoch = start.epochs
+                done += first_epoch
+            else:
+                self._losses.append(0.0)
+            for epoch in range(first_epoch, stage.epochs):
+                self._losses[-1] = self._epoch(number, stage, epoch, steps)
+                done += 1
+                if number == 0 and epoch + 1 == stage.epochs:
+                    self._reconstructions = self._reconstruct()
+                self._store(number, epoch + 1, steps)
+                if progress is not None:
+                    progress(done, total)
+
+    def _epoch(self, number: int, stage: _Stage, epoch: int, steps: OrthogonalSteps) -> float:
+        per_epoch = math.ceil(len(self._views) / self._config.batch)
+        losses = []
+        for index, batch in enumerate(self._batches(number, epoch, stage.draws)):
+            loss = stage.batch_loss(batch)
+            share = (epoch * per_epoch + index + 1) / (stage.epochs * per_epoch)
+            steps.step(loss, stage.rate * one_cycle(share))
+            losses.append(loss.item())
+        return float(np.mean(losses))
+
+    def _batches(self, number: int, epoch: int, draws: bool) -> Iterator[_Batch]:
+        rng, images = self._rng(number, epoch + 1), self._config.images
+        order = rng.permutation(len(self._views))
+        for start in range(0, len(order), self._config.batch):
+            views = [self._views[row] for row in order[start : start + self._config.batch]]
+            homographies = jitter_homographies([view.frame for view in views], images, rng)
+            drawn = draw_views(views, homographies, images.line_sigma_px)[:, None] if draws else np.empty(0, np.float32)
+            points = self._control_points(views, homographies)
+            yield _Batch(torch.from_numpy(drawn), {name: torch.from_numpy(value) for name, value in points.items()})
+
+    def _control_points(self, views: list[EdgeView], homographies: FloatArray) -> dict[PointSet, Float32Array]:
+        """(b, 8) by W: the control points that jittered cameras (b, 3, 3) see."""
+        return {
+            name: np.stack(
+                [
+                    apply_homography(h, view.frame.project(points)).reshape(8)
+                    for h, view in zip(homographies, views, strict=True)
+                ]
+            ).astype(np.float32)
+            for name, points in self._points_obj.items()
+        }
+
+    def _reconstruct(self) -> Tensor:
+        images = draw_views(self._held_out, self._held_out_h, self._config.images.line_sigma_px)
+        with torch.no_grad():
+            return torch.sigmoid(self.decoder(self.encoder(torch.from_numpy(images)[:, None])))[:, 0]
+
+    def result(self) -> TrainedRegion:
+        """The stored form of the networks, judged as it will be used."""
+        name = f"region {self._region}"
+        stored = RegionAutoencoder.of_networks(self._shape, self.decoder, self.regressors, self._points_obj)
+        generator = AutoencoderGenerator({self._region: stored}, name)
+        truth = [true_points(view, h) for view, h in zip(self._held_out, self._held_out_h, strict=True)]
+        inputs = self._control_points(self._held_out, self._held_out_h)
+        generated = {
+            which: generator.edge_images(inputs[which].reshape(-1, 4, 2), self._region, which) for which in POINT_SETS
+        }
+        reconstructed = self._reconstructions.numpy()
+        first_loss, latent_loss, fine_tune_loss, second_loss = self._losses
+        report = AutoencoderReport(
+            self._region,
+            generation_quality(generated["regressed"], truth),
+            generation_quality(generated["mid-section"], truth),
+            generation_quality(reconstructed, truth),
+            first_loss,
+            latent_loss,
+            fine_tune_loss,
+            second_loss,
+            self._seconds(),
+        )
+        drawn = draw_views(self._held_out[:GRID_ROWS], self._held_out_h[:GRID_ROWS], self._config.images.line_sigma_px)
+        grid = comparison_grid([drawn, reconstructed[:GRID_ROWS], generated["regressed"][:GRID_ROWS]])
+        return TrainedRegion(stored, report, grid)
+
+    def _rng(self, stage: int, epoch: int) -> np.random.Generator:
+        return np.random.default_rng([self._seed, self._region, stage, epoch])
+
+    def _seconds(self) -> float:
+        return self._earlier_s + time.perf_counter() - self._begin
+
+    def _modules(self) -> dict[str, torch.nn.Module]:
+        modules: dict[str, torch.nn.Module] = {"encoder": self.encoder, "decoder": self.decoder}
+        modules.update({str(name): regressor for name, regressor in self.regressors.items()})
+        return modules
+
+    def _store(self, stage: int, epochs: int, steps: OrthogonalSteps) -> None:
+        if self._path is None:
+            return
+        tensors = {"reconstructions": self._reconstructions}
+        for name, module in self._modules().items():
+            tensors |= {f"{name}.{key}": value for key, value in module.state_dict().items()}
+        for index, (first, second) in enumerate(zip(steps.first, steps.second, strict=True)):
+            tensors |= {f"first.{index}": first, f"second.{index}": second}
+        seconds, losses = self._seconds(), tuple(self._losses)
+        Checkpoint(self._belongs_to, stage, epochs, steps.count, seconds, losses, tensors).save(self._path)
+
+    def _restore(self, start: Checkpoint, steps: OrthogonalSteps) -> None:
+        tensors = start.tensors
+        for name, module in self._modules().items():
+            module.load_state_dict({key: tensors[f"{name}.{key}"] for key in module.state_dict()})
+        for index, (first, second) in enumerate(zip(steps.first, steps.second, strict=True)):
+            first.copy_(tensors[f"first.{index}"])
+            second.copy_(tensors[f"second.{index}"])
+        steps.count = start.steps
+        self._reconstructions = tensors["reconstructions"]
+        self._losses, self._earlier_s = list(start.losses), start.train_s
+
+
+def one_cycle(share: float) -> float:
+    """Factor of the learning rate after a share 0..1 of a stage: from 0.04 up to 1 and down to 0, along cosines."""
+    if share < WARM_UP:
+        return 0.04 + 0.96 * 0.5 * (1.0 - math.cos(math.pi * share / WARM_UP))
+    return 0.5 * (1.0 + math.cos(math.pi * (share - WARM_UP) / (1.0 - WARM_UP)))

@@ -1,0 +1,62 @@
+"""How well generated edge images agree with true edges: Chamfer distances, F-score, and a picture to look at.
+
+Convention: canonical px. "There" is from generated to true edges (what was invented), "back" from true to generated
+(what was missed).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.generator.edge_points import ridge
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
+from acp_lab.imaging.chamfer import nearest_distances
+
+F_SCORE_WITHIN_PX = 1.0
+
+
+@dataclass(frozen=True)
+class GenerationQuality:
+    """Means over images.
+
+    Attributes:
+        generated_to_true_px, true_to_generated_px: mean nearest distances.
+        f_score: harmonic mean of the shares of generated and true edge points within 1 px of the other kind.
+    """
+
+    generated_to_true_px: float
+    true_to_generated_px: float
+    f_score: float
+
+
+def generation_quality(images: Float32Array, truth: Sequence[FloatArray]) -> GenerationQuality:
+    """Ridge points of edge images (b, size, size) against true edge points, (n, 2) each.
+
+    An image without any ridge counts as wrong by its own side.
+    """
+    rows = [_one(image, points) for image, points in zip(images, truth, strict=True)]
+    there, back, score = np.mean(rows, axis=0).tolist()
+    return GenerationQuality(there, back, score)
+
+
+def _one(image: Float32Array, truth: FloatArray) -> tuple[float, float, float]:
+    generated = ridge(image).points
+    if len(generated) == 0 or len(truth) == 0:
+        return float(len(image)), float(len(image)), 0.0
+    there, back = nearest_distances(generated, truth), nearest_distances(truth, generated)
+    precision, recall = float((there < F_SCORE_WITHIN_PX).mean()), float((back < F_SCORE_WITHIN_PX).mean())
+    return float(there.mean()), float(back.mean()), 2.0 * precision * recall / max(precision + recall, 1e-9)
+
+
+def comparison_grid(columns: Sequence[Float32Array], gap_px: int = 2) -> ByteImage:
+    """One picture (h, w) uint8 of several stacks of images (b, size, size): a column each, a row per image."""
+    size = columns[0].shape[1]
+    cell = size + gap_px
+    canvas = np.full((len(columns[0]) * cell - gap_px, len(columns) * cell - gap_px), 128, np.uint8)
+    for x, stack in enumerate(columns):
+        for y, image in enumerate(stack):
+            canvas[y * cell : y * cell + size, x * cell : x * cell + size] = np.round(255.0 * np.clip(image, 0.0, 1.0))
+    return canvas
