@@ -43,6 +43,14 @@ class Generator(StrEnum):
     AUTOENCODER = "autoencoder"
 
 
+class Iterations(StrEnum):
+    """Of which frames a replay shows each iteration: none, those that went badly, every one."""
+
+    OFF = "off"
+    FAILURES = "failures"
+    ALL = "all"
+
+
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of everything random.", metavar="N")]
 PartsDir = Annotated[Path, typer.Option("--parts", help="Where `acp-lab prepare` put the parts.", metavar="PARTS_DIR")]
 
@@ -76,7 +84,9 @@ def demo(
 def prepare(
     meshes: Annotated[list[Path], typer.Argument(help="PLY, OBJ, STL or STEP files, in mm.", metavar="MESH...")],
     out: Annotated[Path, typer.Option(help="Where the prepared parts go, one folder each.", metavar="PARTS_DIR")],
-    generator: Annotated[Generator, typer.Option(help="both = templates + learned.")] = Generator.BOTH,
+    generator: Annotated[
+        Generator, typer.Option(help="both = templates + learned; autoencoder is the paper's.")
+    ] = Generator.BOTH,
     fast: Annotated[bool, typer.Option("--fast", help="Train shortly: to try things out.")] = False,
     regions: Annotated[
         str, typer.Option(help="View regions to prepare: all, or some of 0 to 5.", metavar="all|K...")
@@ -115,7 +125,13 @@ def track(
         list[int] | None,
         typer.Option("--object", min=0, help="An object to track, repeatable; all by default.", metavar="N"),
     ] = None,
-    method: Annotated[str, typer.Option(help="How to track.")] = "acp",
+    method: Annotated[
+        str | None,
+        typer.Option(help="acp (default), acp-paper, direct-6dof or unoptimised-points.", metavar="NAME"),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Instead of --method: a method's settings as TOML.", metavar="FILE")
+    ] = None,
     video: Annotated[
         Path | None,
         typer.Option(help="A video or a folder of images instead of a data set.", metavar="FILE|DIR"),
@@ -137,6 +153,9 @@ def track(
     ] = 0.0,
     seed: Seed = 0,
     replay: Annotated[Path | None, typer.Option(help="Also write a replay.", metavar="FILE.rrd")] = None,
+    replay_iterations: Annotated[
+        Iterations, typer.Option(help="Frames whose iterations go into the replay, too.")
+    ] = Iterations.OFF,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads.", metavar="N")] = 1,
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="Stop after that many frames of each scene.", metavar="N")
@@ -158,11 +177,13 @@ def track(
         scenes=tuple(scene or ()),
         objects=tuple(object_id or ()),
         method=method,
+        config=config,
         init=init,
         noise_deg=init_noise_deg,
         noise_mm=init_noise_mm,
         seed=seed,
         replay=replay,
+        replay_iterations=replay_iterations.value,
         threads=threads,
         max_frames=max_frames,
     )

@@ -11,9 +11,10 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
-from acp_lab.errors import AcpLabError, InputFileError, SequenceError, TrackingError
+from acp_lab.commands.methods import check_method
+from acp_lab.errors import AcpLabError, InputFileError, SequenceError
 
 if TYPE_CHECKING:
     from acp_lab.geometry.arrays import FloatArray
@@ -21,15 +22,13 @@ if TYPE_CHECKING:
     from acp_lab.sequences.bop import BopDataset
     from acp_lab.sequences.protocol import Sequence
 
-METHODS = ("acp",)
-PLANNED_METHODS = ("acp-paper", "direct-6dof", "unoptimised-points")
-
+DEFAULT_METHOD = "acp"
 HEADER_START = b"scene_id,im_id,"
 
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """What the command line asked for; empty scenes and objects mean all, init None the usual one."""
+    """What the command line asked for; empty scenes and objects mean all; init and method None the usual ones."""
 
     parts: Path
     out: Path
@@ -40,17 +39,21 @@ class TrackOptions:
     split: str = "test"
     scenes: tuple[int, ...] = ()
     objects: tuple[int, ...] = ()
-    method: str = "acp"
+    method: str | None = None
+    config: Path | None = None
     init: str | None = None
     noise_deg: float = 0.0
     noise_mm: float = 0.0
     seed: int = 0
     replay: Path | None = None
+    replay_iterations: Literal["off", "failures", "all"] = "off"
     threads: int = 1
     max_frames: int | None = None
 
     def __post_init__(self) -> None:
-        _check_method(self.method)
+        if self.config is not None and self.method is not None:
+            raise AcpLabError(f"--config {self.config}: says the method already: leave --method {self.method} out")
+        check_method(self.method or DEFAULT_METHOD)
         for option, value in (("--init-noise-deg", self.noise_deg), ("--init-noise-mm", self.noise_mm)):
             if not math.isfinite(value):
                 raise AcpLabError(f"{option} {value}: give a finite number")
@@ -86,7 +89,7 @@ class TrackOptions:
         from acp_lab.sequences.results_csv import run_info_path
 
         inputs = [Path(self.init)] if self.init not in (None, "gt") else []
-        inputs += [path for path in (self.video, self.mesh, self.camera) if path is not None]
+        inputs += [path for path in (self.video, self.mesh, self.camera, self.config) if path is not None]
         outputs = [("--out", self.out)] + ([("--replay", self.replay)] if self.replay is not None else [])
         for option, path in outputs:
             if path.is_dir():
@@ -246,10 +249,3 @@ def _job(
         }
     return SceneJob(sequence, models, starts)
 
-
-def _check_method(method: str) -> None:
-    known = ", ".join(METHODS)
-    if method in PLANNED_METHODS:
-        raise TrackingError(f"--method {method}: is not built yet: there is {known}")
-    if method not in METHODS:
-        raise TrackingError(f"--method {method}: no such method: there is {known}")

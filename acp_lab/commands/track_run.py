@@ -14,13 +14,13 @@ from statistics import median
 from typing import Any
 
 from acp_lab.commands import console, interrupt, machine
-from acp_lab.commands.track import SceneJob, TrackOptions, scene_jobs
+from acp_lab.commands.methods import Method
+from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
 from acp_lab.tracking.observer import Observer, SessionInfo, TrackResult
 from acp_lab.tracking.session import track_sequence
-from acp_lab.tracking.tracker import Tracker, TrackerConfig
 
 
 class ResultsObserver:
@@ -156,12 +156,12 @@ def run_jobs(
 
     Writes options.out, results.run.json beside it, and options.replay. extra: observers of every scene.
     """
-    config = TrackerConfig()
+    method = Method.of(options.method or DEFAULT_METHOD, options.config)
     parts = {model.part.name: model for job in jobs for model in job.models.values()}
     # Before files are replaced: a part may lack the generator that the method needs.
-    generators = {name: Tracker(model, config).generator_name for name, model in parts.items()}
-    info = _run_info(parts, generators, config, options)
-    replays = [] if options.replay is None else [_replay(options.replay, len(jobs))]
+    generators = {name: method.tracker(model).generator_name for name, model in parts.items()}
+    info = _run_info(parts, generators, method, options)
+    replays = [] if options.replay is None else [_replay(options, len(jobs))]
     summaries: list[ObjectSummary] = []
     console.note(_generators_in_use(generators))
     results = ResultsObserver(options.out, info)
@@ -172,12 +172,12 @@ def run_jobs(
             count = len(job.sequence.frame_ids)
             reporter = Reporter(min(count, options.max_frames or count))
             track_sequence(
-                {object_id: Tracker(model, config) for object_id, model in job.models.items()},
+                {object_id: method.tracker(model) for object_id, model in job.models.items()},
                 job.sequence,
                 job.starts,
                 observers=(results, seen, reporter, *replays, *extra),
                 max_frames=options.max_frames,
-                method=options.method,
+                method=method.name,
             )
             summaries += seen.objects.values()
         info["complete"] = True
@@ -188,10 +188,11 @@ def run_jobs(
     return tuple(summaries)
 
 
-def _replay(path: Path, sessions: int) -> Observer:
+def _replay(options: TrackOptions, sessions: int) -> Observer:
     from acp_lab.display.replay import Replay
 
-    return Replay(path, sessions)
+    assert options.replay is not None
+    return Replay(options.replay, sessions, options.replay_iterations)
 
 
 def _generators_in_use(generators: Mapping[str, str]) -> str:
@@ -205,15 +206,15 @@ def _generators_in_use(generators: Mapping[str, str]) -> str:
 def _run_info(
     parts: Mapping[str, PreparedPart],
     generators: Mapping[str, str],
-    config: TrackerConfig,
+    method: Method,
     options: TrackOptions,
 ) -> dict[str, Any]:
     return {
         "command": ["acp-lab", *sys.argv[1:]],
         "folder": os.getcwd(),
-        "method": options.method,
+        "method": method.name,
         "options": plain(options),
-        "configuration": plain(config),
+        "configuration": plain(method.config),
         "parts": {name: {"sha256": model.part.sha256, "generator": generators[name]} for name, model in parts.items()},
         "threads": options.threads,
         "machine": machine.machine(),

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acp_lab.commands.methods import METHOD_NAMES
 from acp_lab.commands.track import TrackOptions, scene_jobs
 from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
 from acp_lab.sequences import ResultRow, ResultsWriter, read_results
+from acp_lab.tracking.paper.method import METHODS
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, write_dataset
 from tests.sequences.tiny_dataset import write_json
@@ -62,6 +64,25 @@ def test_run_json_tells_how_it_came_about(
     assert {"numpy", "acp_lab", "python"} <= set(info["versions"])
     assert info["machine"]["cpu"]
     assert info["threads"] == 1
+
+
+def test_a_method_of_ones_own(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    config = tmp_path / "mine.toml"
+    lines = ('generator = "templates"', 'control_points = "mid-section"', 'variables = "pose"', "[loss]", "alpha = 0.05")
+    config.write_text("\n".join(lines))
+    track(capsys, dataset, parts, tmp_path / "results.csv", "--config", str(config))
+    info = json.loads((tmp_path / "results.run.json").read_text())
+    assert info["method"] == "mine"
+    assert info["configuration"]["loss"] == {"form": "geman-mcclure", "alpha": 0.05, "schedule": [1.0, 0.6, 0.4]}
+    outcome = run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "scores.json")
+    assert outcome.status == 0, outcome
+    assert json.loads((tmp_path / "scores.json").read_text())["pooled"]["recall_10"] == 1.0
+
+
+def test_the_named_methods_are_those_that_exist() -> None:
+    assert ("acp", *METHODS) == METHOD_NAMES
 
 
 def test_same_seed_same_numbers(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:

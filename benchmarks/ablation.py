@@ -1,0 +1,156 @@
+"""The paper's ablation (Table III) on BOP data sets: control points, without control points, without their regression.
+
+Each method gets the same search over its settings: alpha, fixed or annealed, with the same number of steps.
+What a sequence is scored with is chosen on all the *other* sequences (leave one out), by the share of frames
+within 5%. From truth, no resets, the first frame left out, one thread. Intervals are 95% from a hierarchical
+block bootstrap.
+
+Example: python -m benchmarks.ablation path/to/dataset --parts out/parts
+(parts prepared before: acp-lab prepare MESH --out out/parts/DATASET --generator autoencoder)
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any, cast
+
+from acp_lab.commands import machine
+
+# Before NumPy is imported: its linear algebra reads the number of threads once.
+machine.limit_threads(1)
+
+import numpy as np  # noqa: E402
+
+from acp_lab.evaluation.bootstrap import bootstrap_mean  # noqa: E402
+
+if TYPE_CHECKING:
+    from acp_lab.sequences.bop import BopScene
+    from acp_lab.sequences.frame import Frame, UnreadableFrame
+    from acp_lab.sequences.protocol import Sequence
+    from acp_lab.tracking.paper.method import MethodConfig
+
+ALPHAS = (0.035, 0.05, 0.07, 0.10)
+SCHEDULES = ((1.0,), (1.0, 0.6, 0.4))
+STEPS = 12
+LIMITS = (0.02, 0.05, 0.10)
+
+
+@dataclass(frozen=True)
+class Track:
+    """One run: ADD as a share of the diameter per frame, and ms per frame."""
+
+    sequence: str
+    method: str
+    setting: str
+    errors: np.ndarray
+    ms: float
+
+
+class DecodedScene:
+    """A scene whose frames are decoded once for all runs."""
+
+    def __init__(self, scene: BopScene) -> None:
+        self._scene = scene
+        self._frames = list(scene.frames())
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._scene, name)
+
+    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+        return iter(self._frames[:max_frames])
+
+
+def settings(method: MethodConfig) -> Iterator[tuple[str, MethodConfig]]:
+    """The searched variants of a method, by name; the levels share the steps, so that all cost about the same."""
+    for alpha, schedule in product(ALPHAS, SCHEDULES):
+        loss = replace(method.loss, alpha=alpha, schedule=schedule)
+        name = f"alpha {alpha:g}, {'annealed' if len(schedule) > 1 else 'fixed'}"
+        yield name, replace(method, loss=loss, solver=replace(method.solver, steps=STEPS // len(schedule)))
+
+
+def track(root: Path, parts: Path, methods: list[tuple[str, str, MethodConfig]]) -> Iterator[Track]:
+    """Run (method, setting, configuration) on every scene of a data set whose part has an auto-encoder."""
+    from acp_lab.errors import AcpLabError
+    from acp_lab.evaluation import evaluate
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences.bop import BopDataset
+    from acp_lab.tracking.paper.method_tracker import MethodTracker
+
+    dataset = BopDataset(root)
+    for scene_id in dataset.scenes():
+        scene = dataset.open_scene(scene_id)
+        object_id = scene.object_ids[0]
+        name = f"{dataset.name}/{scene_id}"
+        try:
+            model = PreparedPart.load(parts / dataset.name / f"obj_{object_id:06d}", dataset.part_path(object_id))
+            decoded = cast("Sequence", DecodedScene(scene))
+            for method, setting, config in methods:
+                run = MethodTracker(model, config).run(decoded, scene.first_pose)
+                scored = evaluate(run, scene).objects[0]
+                errors = np.array(scored.errors.distance, float)
+                yield Track(
+                    name, method, setting, errors, 1e3 * median(r.timings.total_s for r in run.results[object_id][1:])
+                )
+        except AcpLabError as error:
+            print(f"{name}: left out: {error}")
+
+
+def chosen_without(sequence: str, tracks: list[Track]) -> str:
+    """The setting with the most frames within 5%, mean over all sequences but one."""
+    shares: dict[str, list[float]] = {}
+    for item in tracks:
+        if item.sequence != sequence:
+            shares.setdefault(item.setting, []).append(float((item.errors < 0.05).mean()))
+    return max(shares, key=lambda setting: float(np.mean(shares[setting])))
+
+
+def print_table(tracks: list[Track]) -> None:
+    """Per method and data set: shares with intervals, by leave-one-out settings."""
+    sequences = sorted({item.sequence for item in tracks})
+    sets = {
+        name: [s for s in sequences if s.startswith(name + "/")]
+        for name in sorted({s.rsplit("/", 1)[0] for s in sequences})
+    }
+    if len(sets) > 1:
+        sets["all"] = sequences
+    print("\n| data | method | @2% | @5% | @10% | ms | settings chosen |")
+    print("|---|---|---|---|---|---|---|")
+    for data, members in sets.items():
+        for method in dict.fromkeys(item.method for item in tracks):
+            own = [item for item in tracks if item.method == method]
+            best = [next(t for t in own if t.sequence == s and t.setting == chosen_without(s, own)) for s in members]
+            shares = [str(bootstrap_mean([(t.errors < limit).astype(float) for t in best])) for limit in LIMITS]
+            used = "; ".join(sorted({t.setting for t in best}))
+            cells = [f"{data} ({len(members)})", method, *shares, f"{median(t.ms for t in best):.0f}", used]
+            print("| " + " | ".join(cells) + " |")
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("datasets", nargs="+", type=Path)
+    parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
+    parser.add_argument("--config", nargs="*", type=Path, default=[], help="further methods as TOML, searched likewise")
+    parser.add_argument("--json", type=Path, help="also keep the errors of every frame")
+    options = parser.parse_args()
+    from acp_lab.tracking.paper.method import METHODS
+    from acp_lab.tracking.paper.method_file import read_method
+
+    print(f"CPU: {machine.cpu_model()}; one thread")
+    wanted = [*METHODS.values(), *map(read_method, options.config)]
+    methods = [(method.name, name, config) for method in wanted for name, config in settings(method)]
+    tracks = [item for root in options.datasets for item in track(root, options.parts, methods)]
+    if options.json is not None:
+        kept = [{**vars(item), "errors": item.errors.round(5).tolist()} for item in tracks]
+        options.json.write_text(json.dumps(kept))
+    print_table(tracks)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""Edge map and distance map against brute force, and what is read between their pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.geometry.arrays import ByteImage
+from acp_lab.tracking.paper.target import DistanceTarget, TargetConfig, distance_target
+
+WHOLE = (0, 0, 90, 70)
+
+
+@pytest.fixture
+def square() -> ByteImage:
+    """A bright square from (30, 20) to (59, 49) on a dark ground, with a little noise."""
+    grey = np.full((70, 90), 40.0)
+    grey[20:50, 30:60] = 180.0
+    grey += np.random.default_rng(1).normal(0.0, 2.0, grey.shape)
+    return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, 2)
+
+
+def brute_force(edges: np.ndarray, x: int, y: int) -> float:
+    rows, columns = np.nonzero(edges)
+    return float(np.hypot(columns - x, rows - y).min())
+
+
+def test_distances_at_pixels_are_those_to_the_nearest_edge_pixel(square: ByteImage) -> None:
+    target = distance_target(square, WHOLE, TargetConfig())
+    assert target.edges.any()
+    points = np.array([[3.0, 5.0], [45.0, 35.0], [80.0, 66.0], [29.0, 20.0]])
+    expected = [brute_force(target.edges, int(x), int(y)) for x, y in points]
+    found = target.distances(points, np.tile([1.0, 0.0], (4, 1)))
+    np.testing.assert_allclose(found.values, expected, rtol=1e-6)
+
+
+def test_gradients_are_those_of_what_is_read(square: ByteImage, rng: np.random.Generator) -> None:
+    target = distance_target(square, WHOLE, TargetConfig())
+    # Away from pixel centres, where the bilinear surface has its folds.
+    points = np.floor(rng.uniform([2, 2], [86, 66], (200, 2))) + rng.uniform(0.1, 0.9, (200, 2))
+    normals = np.tile([1.0, 0.0], (200, 1))
+    found = target.distances(points, normals)
+    for axis in range(2):
+        step = np.zeros(2)
+        step[axis] = 1e-4
+        difference = (
+            target.distances(points + step, normals).values - target.distances(points - step, normals).values
+        ) / 2e-4
+        np.testing.assert_allclose(found.gradients[:, axis], difference, atol=2e-3)
+
+
+def test_the_crop_knows_where_it_lies(square: ByteImage) -> None:
+    whole = distance_target(square, WHOLE, TargetConfig())
+    crop = distance_target(square, (20, 10, 75, 65), TargetConfig())
+    assert crop.origin == (20, 10)
+    points, normals = np.array([[33.3, 30.1], [58.7, 44.2]]), np.array([[1.0, 0.0], [0.0, 1.0]])
+    np.testing.assert_allclose(
+        crop.distances(points, normals).values, whole.distances(points, normals).values, atol=0.05
+    )
+
+
+def test_a_point_that_left_the_crop_is_far_and_knows_the_way_out(square: ByteImage) -> None:
+    crop = distance_target(square, (20, 10, 75, 65), TargetConfig())
+    inside, outside = np.array([[20.0, 30.0]]), np.array([[-10.0, 30.0]])
+    normal = np.array([[1.0, 0.0]])
+    near, far = crop.distances(inside, normal), crop.distances(outside, normal)
+    assert far.values[0] == pytest.approx(near.values[0] + 30.0, abs=0.1)
+    np.testing.assert_allclose(far.gradients, [[-1.0, 0.0]], atol=1e-6)
+
+
+def test_a_direction_sees_only_its_own_edges() -> None:
+    edges = np.zeros((2, 20, 20), bool)
+    maps = np.stack(
+        [np.tile(np.abs(np.arange(20.0) - 4.0), (20, 1)), np.tile(np.abs(np.arange(20.0) - 15.0)[:, None], (1, 20))]
+    )
+    target = DistanceTarget(edges[0], maps.astype(np.float32), (0, 0))
+    point = np.array([[9.0, 9.0]])
+    assert target.distances(point, np.array([[1.0, 0.0]])).values[0] == pytest.approx(5.0)
+    assert target.distances(point, np.array([[-1.0, 0.02]])).values[0] == pytest.approx(5.0)
+    assert target.distances(point, np.array([[0.0, 1.0]])).values[0] == pytest.approx(6.0)
+
+
+def test_bins_sort_a_square_into_upright_and_level_edges(square: ByteImage) -> None:
+    one = distance_target(square, WHOLE, TargetConfig())
+    four = distance_target(square, WHOLE, TargetConfig(orientation_bins=4))
+    assert four.maps.shape == (4, 70, 90)
+    point, upright = np.array([[45.0, 24.0]]), np.array([[1.0, 0.0]])
+    # Below the upper side, an edge point of an upright edge looks past it, to the sides left and right.
+    assert one.distances(point, upright).values[0] < 6.0
+    assert four.distances(point, upright).values[0] > 12.0
+
+
+@pytest.mark.parametrize("denoise", ["none", "median", "bilateral", "nonlocal-means"])
+@pytest.mark.parametrize("thresholds", ["otsu", "median"])
+def test_every_denoiser_and_rule_finds_the_square(square: ByteImage, denoise: str, thresholds: str) -> None:
+    config = TargetConfig(denoise=denoise, thresholds=thresholds)  # type: ignore[arg-type]
+    target = distance_target(square, WHOLE, config)
+    sides = np.array([[29.5, 35.0], [59.5, 35.0], [45.0, 19.5], [45.0, 49.5]])
+    assert (target.distances(sides, np.tile([1.0, 0.0], (4, 1))).values < 1.1).all()
+
+
+def test_a_black_frame_is_far_from_everything() -> None:
+    target = distance_target(np.zeros((70, 90, 3), np.uint8), WHOLE, TargetConfig())
+    found = target.distances(np.array([[10.0, 10.0]]), np.array([[1.0, 0.0]]))
+    assert found.values[0] > 100.0
+    assert np.isfinite(found.gradients).all()
