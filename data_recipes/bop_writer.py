@@ -12,8 +12,9 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -21,9 +22,18 @@ import numpy as np
 import trimesh
 
 from acp_lab.errors import InputFileError
-from acp_lab.geometry.camera import Camera
 
 JPEG_QUALITY = 91
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """One object: vertices (n, 3) mm, faces (m, 3), diameter mm, and more entries of models_info.json."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    diameter: float
+    extra: Mapping[str, object] = field(default_factory=dict)
 
 
 @contextmanager
@@ -51,18 +61,18 @@ def new_dataset(out: Path, force: bool) -> Iterator[Path]:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def write_models(root: Path, parts: Sequence[tuple[np.ndarray, np.ndarray, Mapping[str, object]]]) -> None:
-    """`models/obj_00000N.ply` and `models_info.json` from (vertices mm, faces, extra entries), ids from 1."""
+def write_models(root: Path, models: Mapping[int, Model]) -> None:
+    """`models/obj_00000N.ply` and `models_info.json` of models by object id."""
     folder = root / "models"
     folder.mkdir()
     info: dict[str, dict[str, object]] = {}
-    for number, (vertices, faces, extra) in enumerate(parts, start=1):
-        mesh = trimesh.Trimesh(vertices, faces, process=False)
-        mesh.export(folder / f"obj_{number:06d}.ply", vertex_normal=False)
-        low, size = vertices.min(0), vertices.max(0) - vertices.min(0)
+    for object_id, model in sorted(models.items()):
+        mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
+        mesh.export(folder / f"obj_{object_id:06d}.ply", vertex_normal=False)
+        low, size = model.vertices.min(0), np.ptp(model.vertices, axis=0)
         box = {f"min_{a}": float(v) for a, v in zip("xyz", low, strict=True)}
         box |= {f"size_{a}": float(v) for a, v in zip("xyz", size, strict=True)}
-        info[str(number)] = {**extra, **box}
+        info[str(object_id)] = {"diameter": model.diameter, **model.extra, **box}
     write_json(folder / "models_info.json", info)
 
 
@@ -74,23 +84,26 @@ def write_image(path: Path, image: np.ndarray) -> None:
 
 
 def write_scene(
-    folder: Path, camera: Camera, object_id: int, cam_T_obj: np.ndarray, seen: Sequence[Mapping[str, object]]
+    folder: Path,
+    matrices: Sequence[np.ndarray],
+    object_id: int,
+    cam_T_obj: Iterable[np.ndarray],
+    seen: Sequence[Mapping[str, object]] | None = None,
 ) -> None:
-    """`scene_camera.json`, `scene_gt.json` and `scene_gt_info.json` of poses (n, 4, 4), frame ids from 0."""
-    k = [float(v) for v in camera.matrix.ravel()]
-    write_json(folder / "scene_camera.json", {str(i): {"cam_K": k, "depth_scale": 1.0} for i in range(len(cam_T_obj))})
+    """`scene_camera.json` and `scene_gt.json`, frame ids from 0, and `scene_gt_info.json` where it is known.
+
+    matrices: K (3, 3) of each frame. cam_T_obj: poses (4, 4) of the first frames; later ones have no truth.
+    """
+    cameras = {str(i): {"cam_K": _listed(k), "depth_scale": 1.0} for i, k in enumerate(matrices)}
+    write_json(folder / "scene_camera.json", cameras)
     truth = {
-        str(i): [
-            {
-                "cam_R_m2c": [float(v) for v in pose[:3, :3].ravel()],
-                "cam_t_m2c": [float(v) for v in pose[:3, 3]],
-                "obj_id": object_id,
-            }
-        ]
+        str(i): [{"cam_R_m2c": _listed(pose[:3, :3]), "cam_t_m2c": _listed(pose[:3, 3]), "obj_id": object_id}]
         for i, pose in enumerate(cam_T_obj)
     }
-    write_json(folder / "scene_gt.json", truth)
-    write_json(folder / "scene_gt_info.json", {str(i): [dict(one)] for i, one in enumerate(seen)})
+    if truth:
+        write_json(folder / "scene_gt.json", truth)
+    if seen is not None:
+        write_json(folder / "scene_gt_info.json", {str(i): [dict(one)] for i, one in enumerate(seen)})
 
 
 def visibility(alone: np.ndarray, seen: np.ndarray) -> dict[str, object]:
@@ -105,14 +118,6 @@ def visibility(alone: np.ndarray, seen: np.ndarray) -> dict[str, object]:
     }
 
 
-def _bounds(mask: np.ndarray) -> list[int]:
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    if len(rows) == 0:
-        return [-1, -1, -1, -1]
-    x, y = int(columns[0]), int(rows[0])
-    return [x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1]
-
-
 def write_json(path: Path, content: object) -> None:
     """JSON with a line per top-level entry, readable and small."""
     if isinstance(content, dict):
@@ -120,3 +125,15 @@ def write_json(path: Path, content: object) -> None:
         path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
     else:
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _listed(values: np.ndarray) -> list[float]:
+    return [float(value) for value in np.asarray(values).ravel()]
+
+
+def _bounds(mask: np.ndarray) -> list[int]:
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if len(rows) == 0:
+        return [-1, -1, -1, -1]
+    x, y = int(columns[0]), int(rows[0])
+    return [x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1]

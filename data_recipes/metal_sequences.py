@@ -22,12 +22,13 @@ from collections.abc import Sequence  # noqa: E402
 from dataclasses import dataclass  # noqa: E402
 from itertools import pairwise  # noqa: E402
 from pathlib import Path  # noqa: E402
+from typing import Protocol  # noqa: E402
 
 import numpy as np  # noqa: E402
 
-from acp_lab.errors import AcpLabError  # noqa: E402
 from acp_lab.geometry.pose import rotation_angle_deg  # noqa: E402
 from data_recipes.bop_writer import (  # noqa: E402
+    Model,
     new_dataset,
     visibility,
     write_image,
@@ -35,8 +36,11 @@ from data_recipes.bop_writer import (  # noqa: E402
     write_models,
     write_scene,
 )
-from data_recipes.metal.cad_parts import PARTS, CadPart, make_part  # noqa: E402
-from data_recipes.metal.render import Renderer  # noqa: E402
+from data_recipes.command import Parser, count, names_of, note, positive, run, whole  # noqa: E402
+from data_recipes.contact_sheet import contact_sheet, save_picture  # noqa: E402
+from data_recipes.metal.cad_parts import FIRST_PARTS, PARTS, CadPart, make_part  # noqa: E402
+from data_recipes.metal.path_traced import SPP, path_tracer  # noqa: E402
+from data_recipes.metal.render import Picture, Renderer  # noqa: E402
 from data_recipes.metal.scene import KINDS, Scene, SceneConfig, make_scene  # noqa: E402
 from data_recipes.metal.sensor import make_sensor  # noqa: E402
 
@@ -63,33 +67,43 @@ SAMPLE = Plan(
 )  # fmt: skip
 
 
-def render_dataset(out: Path, plans: Sequence[Plan], suffix: str, force: bool = False, quiet: bool = False) -> None:
+def render_dataset(
+    out: Path, plans: Sequence[Plan], suffix: str, force: bool = False, spp: int | None = None
+) -> None:
     """Render all planned sequences into the BOP data set `out`.
 
-    suffix: ".jpg" or ".png". Raises InputFileError when `out` exists and force is not set.
+    suffix: ".jpg" or ".png". spp: samples per pixel of a path tracer; None for our own renderer. Raises InputFileError
+    when `out` exists and force is not set, and when there is no path tracer.
     """
     names = list(dict.fromkeys(plan.part for plan in plans))
     parts = {name: make_part(name) for name in names}
     with new_dataset(out, force) as root:
-        write_models(root, [(p.vertices, p.faces, _about(p)) for p in parts.values()])
+        write_models(root, {number: _model(part) for number, part in enumerate(parts.values(), start=1)})
         for number, plan in enumerate(plans, start=1):
             folder = root / "test" / f"{number:06d}"
             (folder / "rgb").mkdir(parents=True)
             start = time.perf_counter()
             scene = make_scene(parts[plan.part], plan.config)
-            _render_scene(folder, scene, names.index(plan.part) + 1, suffix)
+            renderer = Renderer(scene) if spp is None else path_tracer(scene, spp)
+            _render_scene(folder, scene, renderer, names.index(plan.part) + 1, suffix)
             write_json(folder / "scene_meta.json", _meta(scene, number, names.index(plan.part) + 1, parts[plan.part]))
-            if not quiet:
-                each = (time.perf_counter() - start) / plan.config.frames
-                print(f"scene {number}: {plan.part}, {plan.config.kind}, {each:.1f} s per frame", file=sys.stderr)
+            each = (time.perf_counter() - start) / plan.config.frames
+            note(f"scene {number}: {plan.part}, {plan.config.kind}, {each:.1f} s per frame")
 
 
-def _about(part: CadPart) -> dict[str, object]:
-    return {"diameter": part.diameter, "group": part.group, "name": part.name}
+def _model(part: CadPart) -> Model:
+    return Model(part.vertices, part.faces, part.diameter, {"group": part.group, "name": part.name})
 
 
-def _render_scene(folder: Path, scene: Scene, object_id: int, suffix: str) -> None:
-    renderer, sensor, seen = Renderer(scene), None, []
+class FrameRenderer(Protocol):
+    """What turns a scene into pictures."""
+
+    def frame(self, index: int) -> Picture:
+        """Render one frame."""
+
+
+def _render_scene(folder: Path, scene: Scene, renderer: FrameRenderer, object_id: int, suffix: str) -> None:
+    sensor, seen = None, []
     for frame in range(scene.config.frames):
         picture = renderer.frame(frame)
         if sensor is None:
@@ -97,7 +111,7 @@ def _render_scene(folder: Path, scene: Scene, object_id: int, suffix: str) -> No
         noise = np.random.default_rng([scene.config.seed, 21, frame])
         write_image(folder / "rgb" / f"{frame:06d}{suffix}", sensor.expose(picture.image, noise))
         seen.append(visibility(picture.part_alone, picture.part_seen))
-    write_scene(folder, scene.camera, object_id, scene.truth.poses, seen)
+    write_scene(folder, [scene.camera.matrix] * scene.config.frames, object_id, scene.truth.poses, seen)
 
 
 def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[str, object]:
@@ -160,25 +174,6 @@ def make_plans(args: argparse.Namespace) -> list[Plan]:
     ]
 
 
-class _Parser(argparse.ArgumentParser):
-    """Bad usage is one line on stderr and exit status 2, as in the toolkit's own commands."""
-
-    def error(self, message: str):  # type: ignore[no-untyped-def]
-        print(f"error: {message}", file=sys.stderr)
-        raise SystemExit(2)
-
-
-def _list_of(known: Sequence[str], what: str):  # type: ignore[no-untyped-def]
-    def read(text: str) -> list[str]:
-        names = [name.strip() for name in text.split(",") if name.strip()]
-        wrong = [name for name in names if name not in known]
-        if wrong or not names:
-            raise argparse.ArgumentTypeError(f"unknown {what} {', '.join(wrong) or text!r}; known: {', '.join(known)}")
-        return names
-
-    return read
-
-
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) >= 32 and int(height) >= 32):
@@ -196,64 +191,49 @@ def _breaks(text: str) -> list[float]:
     return values
 
 
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r}; give a number above 0")
-    return value
-
-
-def _whole(text: str) -> int:
-    if not text.isdigit():
-        raise argparse.ArgumentTypeError(f"{text!r}; give a whole number, 0 or more")
-    return int(text)
-
-
-def _count(text: str) -> int:
-    if _whole(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}; give a whole number above 0")
-    return int(text)
-
-
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """The command's options."""
-    parser = _Parser(prog="python -m data_recipes.metal_sequences", description=__doc__.split("\n\n")[0])  # type: ignore[union-attr]
+    parser = Parser(prog="python -m data_recipes.metal_sequences", description=__doc__.split("\n\n")[0])  # type: ignore[union-attr]
     parser.add_argument("--out", type=Path, help="data set folder to write")
     parser.add_argument("--sample", action="store_true", help="the shipped sample; only --out and --force count")
-    parser.add_argument("--parts", type=_list_of(tuple(PARTS), "part"), default=list(PARTS), help=", ".join(PARTS))
-    parser.add_argument("--kinds", type=_list_of(KINDS, "kind"), default=["regular"], help=", ".join(KINDS))
-    parser.add_argument("--sequences", type=_count, help="how many (default: the longest list)")
-    parser.add_argument("--frames", type=_count, default=40, help="frames per sequence (40)")
+    parser.add_argument(
+        "--parts", type=names_of(tuple(PARTS), "part"), default=list(FIRST_PARTS),
+        help=f"{', '.join(PARTS)} (all but v_block)",
+    )  # fmt: skip
+    parser.add_argument("--kinds", type=names_of(KINDS, "kind"), default=["regular"], help=", ".join(KINDS))
+    parser.add_argument("--sequences", type=count, help="how many (default: the longest list)")
+    parser.add_argument("--frames", type=count, default=40, help="frames per sequence (40)")
     parser.add_argument("--size", type=_size, default=(640, 512), help=" or ".join(SIZES) + " (the first)")
     parser.add_argument("--edge-break", type=_breaks, default=[0.0], help="mm, one or a list; 0 (default) = sharp")
-    parser.add_argument("--seed", type=_whole, default=0, help="same seed, same truth (0)")
-    parser.add_argument("--rot-deg-per-frame", type=_positive, help="mean; default: by kind, 1.5 to 3.8")
-    parser.add_argument("--trans-mm-per-frame", type=_positive, help="mean; default: by kind, 1.5 to 4.5")
-    parser.add_argument("--clutter", type=_whole, help="things that lie about (default: 9 to 13)")
+    parser.add_argument("--seed", type=whole, default=0, help="same seed, same truth (0)")
+    parser.add_argument("--rot-deg-per-frame", type=positive, help="mean; default: by kind, 1.5 to 3.8")
+    parser.add_argument("--trans-mm-per-frame", type=positive, help="mean; default: by kind, 1.5 to 4.5")
+    parser.add_argument("--clutter", type=whole, help="things that lie about (default: 9 to 13)")
     parser.add_argument("--image-format", choices=("jpg", "png"), default="jpg", help="jpg (default) or png")
+    parser.add_argument("--contact-sheet", type=Path, metavar="PNG", help="also write a picture of what was made")
+    parser.add_argument("--path-traced", action="store_true", help="render with Mitsuba: truer pictures, far slower")
+    parser.add_argument("--spp", type=count, default=SPP, help=f"with --path-traced: samples per pixel ({SPP})")
     parser.add_argument("--force", action="store_true", help="replace an existing data set")
     return parser
 
 
+def make(args: argparse.Namespace) -> None:
+    """Render what the options describe."""
+    out: Path = args.out or SAMPLE_FOLDER
+    plans = [SAMPLE] if args.sample else make_plans(args)
+    suffix = ".jpg" if args.sample else f".{args.image_format}"
+    render_dataset(out, plans, suffix, args.force, spp=args.spp if args.path_traced else None)
+    if args.contact_sheet is not None:
+        save_picture(args.contact_sheet, contact_sheet(out, edges=True))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    args = build_parser().parse_args(argv)
-    try:
-        if args.sample:
-            render_dataset(args.out or SAMPLE_FOLDER, [SAMPLE], ".jpg", args.force)
-        elif args.out is None:
-            build_parser().error("--out is missing; name the data set folder to write")
-        else:
-            render_dataset(args.out, make_plans(args), f".{args.image_format}", args.force)
-    except (AcpLabError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    parser = build_parser()
+    args = parser.parse_args(argv)
+    if args.out is None and not args.sample:
+        parser.error("--out is missing; name the data set folder to write")
+    return run(make, parser, argv)
 
 
 if __name__ == "__main__":

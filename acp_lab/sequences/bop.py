@@ -5,7 +5,8 @@
 
 Convention: the first frame is the lowest id in rgb/; ids may have gaps. Images are free of distortion, and
 the intrinsics may differ from one to the next. The layout does not tell the image size: it is that of the
-first image. Source of the format: BOP toolkit, docs/bop_datasets_format.md.
+first image. Sets without colour have gray/ instead of rgb/.
+Source of the format: BOP toolkit, docs/bop_datasets_format.md.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, read_rgb
 from acp_lab.sequences.json_file import numbers, read_json_object
+from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import at_most, only_pose
 from acp_lab.sequences.scene_truth import SceneTruth, as_id
 
@@ -121,7 +123,9 @@ class BopScene:
         self.ground_truth: SceneTruth | None = None
         if (self.folder / "scene_gt.json").exists():
             self.ground_truth = SceneTruth.from_file(self.folder / "scene_gt.json")
-        first = read_rgb(self.image_paths[self.frame_ids[0]])
+        first_path = self.image_paths[self.frame_ids[0]]
+        self._coding = PixelCoding.beside(first_path.parent)
+        first = read_rgb(first_path, self._coding)
         height, width = first.shape[:2]
         self._cameras = _read_cameras(self.folder / "scene_camera.json", self.frame_ids, width, height)
 
@@ -156,7 +160,7 @@ class BopScene:
         camera = self._cameras[frame_id]
         path = self.image_paths[frame_id]
         try:
-            image = read_rgb(path)
+            image = read_rgb(path, self._coding)
         except InputFileError as error:
             return UnreadableFrame(frame_id, camera, str(error))
         if image.shape[:2] != (camera.height, camera.width):

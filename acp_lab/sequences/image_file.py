@@ -1,8 +1,8 @@
 """One image file to one RGB array, or one line that says why not.
 
 Convention: the result is (h, w, 3) uint8 RGB. Grey images get three equal channels, transparency is dropped,
-16-bit images are scaled from their full range to 8 bits. Rotation notes of cameras (EXIF) are not obeyed:
-a calibration belongs to the pixels as they are stored.
+16-bit images are scaled to 8 bits, from the range that `PixelCoding` tells or else the full one. Rotation notes of
+cameras (EXIF) are not obeyed: a calibration belongs to the pixels as they are stored.
 """
 
 from __future__ import annotations
@@ -17,27 +17,23 @@ import numpy as np
 
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import ByteImage
+from acp_lab.sequences.pixel_coding import PixelCoding
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _JPEG_START = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
-_TWELVE_BITS = 4095
+_UNTOLD = PixelCoding()
 
 
-def read_rgb(path: Path) -> ByteImage:
-    """Decode an image file into (h, w, 3) uint8 RGB.
+def read_rgb(path: Path, coding: PixelCoding = _UNTOLD) -> ByteImage:
+    """Decode an image file into (h, w, 3) uint8 RGB. coding: how its values are meant.
 
-    Raises InputFileError for a file that is missing, empty, cut short or damaged, for pixels that are neither
-    8 nor 16 bits, and for 16-bit images that use 12 bits or fewer: no fixed scaling would suit them.
+    Raises InputFileError for a file that is missing, empty, cut short or damaged, and for pixels that are neither
+    8 nor 16 bits or that `coding` does not fit.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputFileError(f"{path}: no such image: put it back, or remove what refers to it") from None
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror}): check the file") from None
+    data = _bytes_of(path)
     damage = _damage(data)
     pixels = None
     if damage is None:
@@ -45,7 +41,24 @@ def read_rgb(path: Path) -> ByteImage:
             pixels = _decode(data)
     if pixels is None:
         raise InputFileError(f"{path}: {damage or 'cannot be decoded as an image'}: replace or remove it")
-    return _to_rgb(_to_bytes(pixels, path), path)
+    return coding.rgb(pixels, str(path))
+
+
+def image_damage(path: Path) -> str | None:
+    """What is wrong with a file as a container of an image, None when nothing is: cheaper than decoding it.
+
+    Raises InputFileError when the file is missing or cannot be read.
+    """
+    return _damage(_bytes_of(path))
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputFileError(f"{path}: no such image: put it back, or remove what refers to it") from None
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be read ({error.strerror}): check the file") from None
 
 
 @contextmanager
@@ -66,27 +79,6 @@ def _decode(data: bytes) -> np.ndarray | None:
     except cv2.error:
         return None
     return pixels
-
-
-def _to_bytes(pixels: np.ndarray, path: Path) -> ByteImage:
-    if pixels.dtype == np.uint8:
-        return pixels
-    if pixels.dtype != np.uint16:
-        raise InputFileError(f"{path}: pixels are {pixels.dtype}: convert the image to 8-bit RGB")
-    # Sensors of 10 or 12 bits are often stored so; scaled from 16 they would come out black.
-    if pixels.max() <= _TWELVE_BITS:
-        raise InputFileError(
-            f"{path}: 16-bit image with values up to {pixels.max()} only: convert the sequence to 8-bit RGB"
-        )
-    return ((pixels.astype(np.uint32) + 128) // 257).astype(np.uint8)
-
-
-def _to_rgb(pixels: ByteImage, path: Path) -> ByteImage:
-    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
-    codes = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}
-    if channels not in codes:
-        raise InputFileError(f"{path}: image has {channels} channels: convert it to 8-bit RGB")
-    return np.asarray(cv2.cvtColor(pixels, codes[channels]), dtype=np.uint8)
 
 
 def _damage(data: bytes) -> str | None:

@@ -22,6 +22,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, quiet_cv2, read_rgb
+from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import at_most
 
 # FFmpeg inside OpenCV prints to stderr on its own; it reads this once, at its first use in the process.
@@ -97,11 +98,12 @@ class _OwnImages:
 class ImageFolder(_OwnImages):
     """The images of a folder, in natural order of their names: 2.png before 10.png.
 
-    Raises InputFileError for a folder that is missing, a first image that cannot be read or is not of the
+    A pixels.json among them says how their values are meant (`PixelCoding`); `coding` overrules it. Raises
+    InputFileError for a folder that is missing, a first image that cannot be read or is not of the
     camera's size, SequenceError for a folder without images.
     """
 
-    def __init__(self, folder: str | Path, camera: Camera) -> None:
+    def __init__(self, folder: str | Path, camera: Camera, coding: PixelCoding | None = None) -> None:
         self.folder = Path(folder)
         if not self.folder.is_dir():
             raise InputFileError(f"{self.folder}: no such folder: give a folder of images")
@@ -111,12 +113,13 @@ class ImageFolder(_OwnImages):
         if not self.image_paths:
             raise SequenceError(f"{self.folder}: holds no images: put {', '.join(IMAGE_SUFFIXES)} there")
         self.frame_ids = tuple(range(len(self.image_paths)))
-        self._check_first(read_rgb(self.image_paths[0]), str(self.image_paths[0]))
+        self._coding = PixelCoding.beside(self.folder) if coding is None else coding
+        self._check_first(read_rgb(self.image_paths[0], self._coding), str(self.image_paths[0]))
 
     def _read(self) -> Iterator[Frame | UnreadableFrame]:
         for index, path in enumerate(self.image_paths):
             try:
-                image = read_rgb(path)
+                image = read_rgb(path, self._coding)
             except InputFileError as error:
                 yield self._unreadable(index, str(error))
             else:
@@ -198,9 +201,41 @@ class CameraDevice(_OwnImages):
         raise SequenceError(f"{self.name}: stopped giving images: check its cable and start again")
 
 
-def open_images(path: str | Path, camera: Camera) -> ImageFolder | VideoFile:
-    """The images of a folder, or the frames of a video file; errors as in the two classes."""
-    return ImageFolder(path, camera) if Path(path).is_dir() else VideoFile(path, camera)
+def open_images(path: str | Path, camera: Camera) -> ImageFolder | VideoFile | CameraDevice:
+    """The images of a folder, the frames of a video file, or a live camera by its number ("0").
+
+    A file or folder of that name comes first. Errors as in the three classes.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return ImageFolder(path, camera)
+    if str(path).isdecimal() and not path.exists():
+        return CameraDevice(int(str(path)), camera)
+    return VideoFile(path, camera)
+
+
+def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[int, int]:
+    """(width, height), px, of the first image that a folder, a video file or a live camera ("0") gives.
+
+    For those who have yet to make its camera. Raises InputFileError or SequenceError when there is none.
+    """
+    path = Path(source)
+    if path.is_dir():
+        files = [file for file in path.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
+        if not files:
+            raise SequenceError(f"{path}: holds no images: put {', '.join(IMAGE_SUFFIXES)} there")
+        first = min(files, key=lambda file: _natural(file.name))
+        image = read_rgb(first, PixelCoding.beside(path) if coding is None else coding)
+        return image.shape[1], image.shape[0]
+    is_device = str(path).isdecimal() and not path.exists()
+    if not is_device and not path.is_file():
+        raise InputFileError(f"{path}: no such video file: give a video, or a folder of images")
+    with _capture(int(str(path)) if is_device else str(path), cv2.CAP_ANY if is_device else cv2.CAP_FFMPEG) as video:
+        found, picture = video.read()
+    if not found:
+        mend = "check its number and its cable" if is_device else "convert it, as to H.264"
+        raise InputFileError(f"{path}: gives no image: {mend}")
+    return picture.shape[1], picture.shape[0]
 
 
 @contextmanager

@@ -63,6 +63,17 @@ def slot_block() -> Manifold:
     return body - block((-45, -40, 8), (-26, -11, 20))
 
 
+def v_block() -> Manifold:
+    """Group 1: a V-block: a V with a relief slot on top, a small one below, unequal clamping grooves, a step."""
+    body = block((-38, -25, -20), (38, 25, 20))
+    body -= prism(profile([(-20.5, 20.5), (-2, 2), (16.5, 20.5)]), 90, (-45, 0, 0), "x")
+    body -= prism(profile([(-3.5, -20.5), (6, -11), (15.5, -20.5)]), 90, (-45, 0, 0), "x")
+    body -= block((-45, -3.5, -4), (45, -0.5, 4))
+    body -= block((-45, 20, -10), (45, 30, -3)) + block((-45, -30, 1), (12, -21.5, 7))
+    body -= block((24, -30, 10), (45, 30, 30))
+    return body - bore(3, (-30, 20.5, 0)) - bore(4, (31, -15, 0))
+
+
 def l_bracket() -> Manifold:
     """Group 2: an L-bracket: rounded base with two holes and a slot, wall with a bore, two unequal ribs."""
     base = prism(profile([(-36, -24), (34, -24), (34, 24), (-36, 24)], 7), 9, (0, 0, -22))
@@ -176,7 +187,13 @@ PARTS: dict[str, tuple[int, Callable[[], Manifold]]] = {
     "valve_body": (3, valve_body),
     "finned_cover": (4, finned_cover),
     "lever_arm": (4, lever_arm),
+    "v_block": (1, v_block),
 }
+"""Group and builder by name."""
+
+FIRST_PARTS = ("slot_block", "l_bracket", "u_clevis", "flange_hub", "valve_body", "finned_cover", "lever_arm")
+"""What is shown where nothing is chosen, and what lies about. Later parts stay out of it: another one would change what
+every seed has shown so far."""
 
 
 def make_part(name: str) -> CadPart:

@@ -70,7 +70,7 @@ def small_thing(rng: Rng) -> tuple[np.ndarray, np.ndarray]:
 
 def other_part(rng: Rng, scale: float, avoid: str = "") -> tuple[np.ndarray, np.ndarray]:
     """One of the CAD parts at another scale, never the one called `avoid`: vertices and faces."""
-    names = [n for n in cad_parts.PARTS if n != avoid]
+    names = [n for n in cad_parts.FIRST_PARTS if n != avoid]
     part = cad_parts.make_part(names[int(rng.integers(len(names)))])
     return part.vertices * scale, part.faces
 

@@ -11,6 +11,7 @@ Convention: world frame, z up, mm; radiance in linear RGB, 1 is about a sunlit s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -33,7 +34,7 @@ class Patch:
     lamp: bool = False
     soft_mm: float = 8.0
 
-    @property
+    @cached_property
     def normal(self) -> np.ndarray:
         """Unit normal (3,) of the side that is seen."""
         n = np.cross(self.half_u, self.half_v)
@@ -44,19 +45,23 @@ class Patch:
         """Area, mm²."""
         return float(4 * np.linalg.norm(np.cross(self.half_u, self.half_v)))
 
-    def cover(self, points: np.ndarray, rays: np.ndarray, sigma: np.ndarray, streak: np.ndarray) -> np.ndarray:
-        """Share (n,) of a Gaussian lobe about each ray that falls on the patch.
+    def cover(
+        self, points: np.ndarray, rays: np.ndarray, sigma: np.ndarray, streak: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Share of a Gaussian lobe about each ray that falls on the patch: (m,), of the rays (m,) that face it.
 
         points, rays (n, 3) world, rays unit; sigma (n,) rad; streak (n, 3): extra spread, along its direction, in rad.
         """
         n = self.normal.astype(np.float32)
         facing = rays @ n
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = ((self.centre.astype(np.float32) - points) @ n) / facing
-        s = np.where((facing < -1e-4) & (s > 0), s, 0)
-        spread = sigma * s / np.maximum(-facing, 0.25)
-        at = points + s[:, None] * rays - self.centre.astype(np.float32)
-        share = (s > 0).astype(np.float32)
+        rows = np.flatnonzero(facing < -1e-4)
+        centre = self.centre.astype(np.float32)
+        s = ((centre - points[rows]) @ n) / facing[rows]
+        rows, s = rows[s > 0], s[s > 0]
+        spread = sigma[rows] * s / np.maximum(-facing[rows], 0.25)
+        at = points[rows] + s[:, None] * rays[rows] - centre
+        streak = streak[rows]
+        share = np.ones(len(rows), np.float32)
         for half in (self.half_u, self.half_v):
             length = float(np.linalg.norm(half))
             unit = (half / length).astype(np.float32)
@@ -64,7 +69,7 @@ class Patch:
             extra = (streak @ unit) * s
             width = np.sqrt(spread * spread + extra * extra + np.float32(self.soft_mm**2))
             share *= 0.5 * (_edge((q + length) / width) - _edge((q - length) / width))
-        return share
+        return rows, share
 
 
 def _edge(x: np.ndarray) -> np.ndarray:
@@ -104,8 +109,8 @@ class Environment:
         """Blurred radiance (n, 3) seen from points (n, 3) along unit rays (n, 3); sigma (n,), streak (n, 3) in rad."""
         seen = self._walls(rays, sigma)
         for patch in self.patches:
-            cover = patch.cover(points, rays, sigma, streak)[:, None]
-            seen += cover * (patch.radiance.astype(np.float32) - seen)
+            rows, cover = patch.cover(points, rays, sigma, streak)
+            seen[rows] += cover[:, None] * (patch.radiance.astype(np.float32) - seen[rows])
         return seen
 
     def ambient(self) -> np.ndarray:

@@ -122,6 +122,7 @@ class Materials:
     """A table of materials that answers for arrays of material indices."""
 
     def __init__(self, materials: tuple[Material, ...], noise: Noise) -> None:
+        self.materials = materials
         self._noise = noise
         self._mirror = np.array([m.mirror for m in materials], np.float32)
         self._diffuse = np.array([m.diffuse for m in materials], np.float32)

@@ -38,9 +38,17 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "0,0.3",
         "--seed",
         "5",
+        "--contact-sheet",
+        str(out.parent / "sheet.png"),
     )
     assert run(out, *options) == 0
     return out
+
+
+def test_contact_sheet(dataset: Path) -> None:
+    sheet = cv2.imread(str(dataset.parent / "sheet.png"))
+    # Two scenes below each other; of two frames both, each with its edges.
+    assert sheet.shape == (2 * 200 + 2, 4 * 240 + 3 * 2, 3)
 
 
 def test_layout(dataset: Path) -> None:

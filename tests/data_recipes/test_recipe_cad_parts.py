@@ -8,7 +8,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from acp_lab.cad.raycast import EmbreeCaster
-from data_recipes.metal.cad_parts import PARTS, CadPart, make_part
+from data_recipes.metal.cad_parts import FIRST_PARTS, PARTS, CadPart, make_part
+from data_recipes.metal.clutter import other_part
+from data_recipes.metal_sequences import build_parser
 
 
 @pytest.fixture(scope="module", params=list(PARTS))
@@ -49,6 +51,17 @@ def test_no_half_or_quarter_turn_looks_the_same(part: CadPart) -> None:
             assert (np.abs(depth_maps(caster, turn) - upright) > 1.0).sum() > 10
 
 
-def test_all_groups_are_there() -> None:
-    assert {group for group, _ in PARTS.values()} == {1, 2, 3, 4}
-    assert len(PARTS) >= 5
+def test_each_group_has_two_parts_or_more() -> None:
+    groups = [group for group, _ in PARTS.values()]
+    assert len(PARTS) >= 8
+    assert all(groups.count(group) >= 2 for group in (1, 2, 3, 4))
+
+
+def test_a_new_part_changes_nothing_that_a_seed_showed_before() -> None:
+    assert build_parser().get_default("parts") == list(FIRST_PARTS)
+    assert len(FIRST_PARTS) == 7
+    assert set(FIRST_PARTS) < set(PARTS)
+    # Things that lie about: drawn from those seven, in their order.
+    drawn = other_part(np.random.default_rng(3), 1.0)[1]
+    names = [name for name in FIRST_PARTS if len(make_part(name).faces) == len(drawn)]
+    assert names == [FIRST_PARTS[int(np.random.default_rng(3).integers(7))]]

@@ -13,6 +13,7 @@ import pytest
 from acp_lab.errors import AcpLabError, InputFileError, SequenceError
 from acp_lab.sequences import BopDataset, BopScene, Frame, UnreadableFrame, open_sequence
 from acp_lab.sequences.image_file import read_rgb
+from acp_lab.sequences.pixel_coding import PixelCoding
 from tests.sequences.tiny_dataset import (
     DIAMETER,
     HEIGHT,
@@ -137,9 +138,9 @@ def test_frames_are_read_only_when_asked_for(scene_folder: Path, monkeypatch: py
     scene = BopScene(scene_folder)
     read: list[str] = []
 
-    def noting(path: Path) -> np.ndarray:
+    def noting(path: Path, coding: PixelCoding) -> np.ndarray:
         read.append(path.stem)
-        return read_rgb(path)
+        return read_rgb(path, coding)
 
     monkeypatch.setattr("acp_lab.sequences.bop.read_rgb", noting)
     frames = scene.frames()

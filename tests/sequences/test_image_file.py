@@ -51,7 +51,7 @@ def test_16_bit_images_are_scaled_from_their_full_range(tmp_path: Path) -> None:
 
 def test_12_bits_in_16_are_refused_with_the_mend(tmp_path: Path) -> None:
     path = _write(tmp_path / "dark.png", COLOUR[..., 0].astype(np.uint16) * 16)
-    with pytest.raises(InputFileError, match=r"dark\.png: 16-bit image with values up to \d+ only: convert"):
+    with pytest.raises(InputFileError, match=r"dark\.png: 16-bit image with values up to \d+ only: say how many bits"):
         read_rgb(path)
 
 

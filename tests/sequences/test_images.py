@@ -21,6 +21,7 @@ from acp_lab.sequences import (
     VideoFile,
     open_images,
 )
+from acp_lab.sequences.images import first_size
 from tests.sequences.tiny_dataset import HEIGHT, WIDTH, write_image
 
 CAMERA = Camera(WIDTH, HEIGHT, 80.0, 81.0, 31.5, 23.5)
@@ -147,9 +148,35 @@ def test_files_that_are_no_video(tmp_path: Path, content: bytes, capfd: pytest.C
     assert capfd.readouterr().err == ""
 
 
-def test_open_images_takes_a_folder_or_a_file(tmp_path: Path) -> None:
+def test_open_images_takes_a_folder_a_file_or_the_number_of_a_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert isinstance(open_images(_folder(tmp_path / "clip", ("0.png",)), CAMERA), ImageFolder)
     assert isinstance(open_images(_video(tmp_path / "clip.mp4"), CAMERA), VideoFile)
+    monkeypatch.chdir(tmp_path)
+    device = open_images("7", CAMERA)
+    assert isinstance(device, CameraDevice)
+    assert device.index == 7
+    _folder(tmp_path / "7", ("0.png",))
+    assert isinstance(open_images("7", CAMERA), ImageFolder)
+
+
+def test_the_first_size_is_told_before_there_is_a_camera(
+    tmp_path: Path, plug_in: Callable[[_FakeDevice], _FakeDevice]
+) -> None:
+    assert first_size(_folder(tmp_path / "clip", ("2.png", "10.png"))) == (WIDTH, HEIGHT)
+    assert first_size(_video(tmp_path / "clip.mp4")) == (WIDTH, HEIGHT)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SequenceError, match="holds no images"):
+        first_size(tmp_path / "empty")
+    with pytest.raises(InputFileError, match="no such video file"):
+        first_size(tmp_path / "none.mp4")
+    (tmp_path / "junk.mp4").write_bytes(b"junk")
+    with pytest.raises(InputFileError, match="gives no image: convert it"):
+        first_size(tmp_path / "junk.mp4")
+    device = plug_in(_FakeDevice([np.zeros((10, 20, 3), np.uint8)]))
+    assert first_size("5") == (20, 10)
+    assert device.released
 
 
 @pytest.mark.parametrize("kind", ["folder", "video", "device"])
