@@ -70,8 +70,9 @@ def test_a_method_of_ones_own(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
 ) -> None:
     config = tmp_path / "mine.toml"
-    lines = ('generator = "templates"', 'control_points = "mid-section"', 'variables = "pose"', "[loss]", "alpha = 0.05")
-    config.write_text("\n".join(lines))
+    config.write_text(
+        'generator = "templates"\ncontrol_points = "mid-section"\nvariables = "pose"\n[loss]\nalpha = 0.05\n'
+    )
     track(capsys, dataset, parts, tmp_path / "results.csv", "--config", str(config))
     info = json.loads((tmp_path / "results.run.json").read_text())
     assert info["method"] == "mine"

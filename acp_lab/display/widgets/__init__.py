@@ -1,0 +1,56 @@
+"""Widgets for JupyterLab: points to drag, poses to find, losses to walk on, runs to step through.
+
+    from acp_lab.display.widgets import ControlPointEditor
+    ControlPointEditor(frame.image, points)
+
+Each is plain Python around one drawing, `PointCanvas`, or one plot, `CurvePlot`; what they compute lives in
+the layers below, so a widget can be driven, and tested, without a browser. docs/widgets.md shows them.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from acp_lab.display.widgets.control_point_editor import ControlPointEditor
+    from acp_lab.display.widgets.curve_plot import Curve, CurvePlot
+    from acp_lab.display.widgets.loss_landscape import LossLandscape
+    from acp_lab.display.widgets.manipulation_explorer import ManipulationExplorer
+    from acp_lab.display.widgets.overlay import Overlay
+    from acp_lab.display.widgets.point_canvas import PointCanvas
+    from acp_lab.display.widgets.pose_aligner import PoseAligner
+    from acp_lab.display.widgets.track_player import TrackPlayer
+
+__all__ = [
+    "ControlPointEditor",
+    "Curve",
+    "CurvePlot",
+    "LossLandscape",
+    "ManipulationExplorer",
+    "Overlay",
+    "PointCanvas",
+    "PoseAligner",
+    "TrackPlayer",
+]
+
+_HOME = {
+    "ControlPointEditor": "control_point_editor",
+    "Curve": "curve_plot",
+    "CurvePlot": "curve_plot",
+    "LossLandscape": "loss_landscape",
+    "ManipulationExplorer": "manipulation_explorer",
+    "Overlay": "overlay",
+    "PointCanvas": "point_canvas",
+    "PoseAligner": "pose_aligner",
+    "TrackPlayer": "track_player",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a widget at its first use: some of them need the tracker, others only a picture."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'acp_lab.display.widgets' has no attribute '{name}'")
+    value = getattr(importlib.import_module(f"acp_lab.display.widgets.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value

@@ -1,0 +1,298 @@
+"""The start pose by hand: drag four control points, or click corners, until the generated edges sit on the part.
+
+For the first frame of somebody's own video. "Snap" lets the tracker's optimiser finish what the hand began; the
+result is the POSE.json that `acp-lab track --init` reads.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import ipywidgets
+import numpy as np
+import traitlets
+
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_NAMES, choose_region
+from acp_lab.display.look import GENERATED
+from acp_lab.display.widgets.cad_view import CadView
+from acp_lab.display.widgets.control_point_editor import ControlPointEditor
+from acp_lab.display.widgets.controls import Turn, button, motion_buttons, row, side_by_side
+from acp_lab.display.widgets.corner_pairs import CornerPairs
+from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, edge_strokes, residual_strokes
+from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.errors import AcpLabError, GeometryError
+from acp_lab.generator.base import GeneratedEdges, project_samples
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.planar_pnp import PlanarPnP, solve_planar_pnp
+from acp_lab.geometry.pose import make_pose, rotation_angle_deg, transform
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.json_file import write_json
+from acp_lab.tracking.optimiser import centre_position, move_pose
+from acp_lab.tracking.snap import SnapResult, snap
+
+TURN_DEG = 15.0
+DEPTH_STEP = 0.1
+LIGHT_SAMPLES = 700
+"""Edge points drawn while something is dragged."""
+HINT = "drag the points, or the area between them, until the edges sit on the part"
+DRAG, CLICK = "drag four points", "click corners"
+
+
+class PoseAligner(ipywidgets.VBox):
+    """Finds cam_T_obj in one frame by hand and snap.
+
+    cam_T_obj: (4, 4) mm, the present pose; observe it, or assign it, and the points follow. snapped: the last
+    `SnapResult`, None once the pose was moved on. editor: the frame with the four control points; region: 0..5,
+    whose points they are; cad_view: the CAD model; pairs: the second mode's corners. All buttons are methods:
+    `snap`, `save`, `turn`, `see_from`, `take_other_pose`, `solve_corners`.
+    """
+
+    cam_T_obj = traitlets.Any()
+    snapped = traitlets.Any(None, allow_none=True)
+
+    def __init__(self, model: PreparedPart, frame: Frame, cam_T_obj: FloatArray | None = None) -> None:
+        """cam_T_obj: (4, 4) to begin with; by default the part is put into the middle of the image."""
+        self.model, self.frame = model, frame
+        self._generator = model.best_generator()
+        pose = _in_the_middle(model, frame) if cam_T_obj is None else np.array(cam_T_obj, np.float64)
+        self.region = self._region_of(pose)
+        self._is_linking = False  # pose and points are being brought together; neither answers the other
+        self.editor = ControlPointEditor(frame.image, self.points_at(pose), title="frame", status=HINT, height_px=560)
+        self.picture = PointCanvas(frame.image, title="frame", height_px=560, editable=True)
+        self.cad_view = CadView(model.part, pose[:3, :3], title="CAD model")
+        self.chooser = CadView(model.part, pose[:3, :3], title="CAD model")
+        self.pairs = CornerPairs(self.chooser, self.picture)
+        self.mode = ipywidgets.ToggleButtons(options=[DRAG, CLICK])
+        self.mode.style.button_width = "auto"
+        self.path = ipywidgets.Text("POSE.json", layout=ipywidgets.Layout(width="180px"))
+        self.message = ipywidgets.HTML()
+        self._left, self._right = ipywidgets.VBox(), ipywidgets.VBox()
+        self._by_mode = {DRAG: self._drag_page(), CLICK: self._click_page()}
+        save = [self.path, button("save", "write the pose as POSE.json", self._save_as_told)]
+        snap_button = button("snap", "let the optimiser find the edges", self.snap, "primary")
+        top = row([self.mode, snap_button, *save, self.message], gap="4px 12px")
+        columns = side_by_side((self._left, "3 1 420px"), (self._right, "2 1 300px"))
+        super().__init__([top, columns], cam_T_obj=pose)
+        self.mode.observe(lambda _: self._turn_page(), "value")
+        self.editor.observe(self._follow, "points")
+        self.editor.observe(lambda _: self._draw(), "settled")
+        self.picture.observe(lambda _: self._follow_corners(), "settled")
+        self.observe(self._pose_changed, "cam_T_obj")
+        self._turn_page()
+        self._draw()
+
+    # ---- what the buttons do
+
+    def snap(self) -> SnapResult | None:
+        """Let the optimiser find the part near the present pose; None, with a message, when it is not seen.
+
+        Where four points leave two poses and the nearer one fits nothing, the other one is tried, too.
+        """
+        try:
+            found = snap(self.model, self.frame, self.cam_T_obj)
+            other = self._other_pose()
+            if not found.is_good and other is not None:
+                found = max(found, snap(self.model, self.frame, other), key=lambda result: result.quality)
+        except AcpLabError as error:
+            self._tell(str(error))
+            return None
+        before = self.cam_T_obj
+        with self.hold_trait_notifications():
+            self.cam_T_obj, self.snapped = found.cam_T_obj, found
+        turned = rotation_angle_deg(before[:3, :3], found.cam_T_obj[:3, :3])
+        verdict = "found" if found.is_good else "not found: bring the edges nearer to the part and snap again"
+        self._tell(f"<b>{verdict}</b>: quality {found.quality:.2f}, turned by {turned:.1f}° from where it was")
+        return found
+
+    def save(self, path: str | Path) -> None:
+        """Write the pose as POSE.json; InputFileError when the place cannot be written."""
+        pose = self.cam_T_obj
+        write_json(path, {"cam_R_m2c": pose[:3, :3].ravel().tolist(), "cam_t_m2c": pose[:3, 3].tolist()})
+
+    def turn(self, turn_deg: Turn, depth_factor: float = 1.0) -> None:
+        """Turn the part about its centre (deg, camera axes) and move it away; the control points may change."""
+        centre_obj = self.model.part.box_centre
+        shift = (depth_factor - 1.0) * centre_position(self.cam_T_obj, centre_obj)
+        self.cam_T_obj = move_pose(self.cam_T_obj, centre_obj, np.concatenate([np.radians(turn_deg), shift]))
+
+    def see_from(self, region: int) -> None:
+        """Show the face 0..5 = +x, -x, ... of the part's box, a little from the side, where the part is now."""
+        centre_obj = self.model.part.box_centre
+        rotation = _rotation_seeing(region)
+        self.cam_T_obj = make_pose(rotation, centre_position(self.cam_T_obj, centre_obj) - rotation @ centre_obj)
+
+    def take_other_pose(self) -> None:
+        """Change to the second of the two poses that four coplanar points leave, if there is one."""
+        other = self._other_pose()
+        if other is None:
+            self._tell("these points leave one pose only")
+        else:
+            self._follow_with(other)
+
+    def solve_corners(self) -> None:
+        """Take the pose of the clicked corners; a message says what is missing."""
+        try:
+            found = self.pairs.solve(self.frame.camera)
+        except GeometryError as error:
+            self._tell(str(error))
+            return
+        self.cam_T_obj = found.cam_T_obj
+        self._tell(f"{self.pairs.count} corners, {found.rms_px:.1f} px off (rms)")
+
+    def points_at(self, pose: FloatArray) -> FloatArray:
+        """Where a pose (4, 4) has the control points in use, (4, 2) px."""
+        return self.frame.camera.project(transform(pose, self._points_obj()))
+
+    # ---- following
+
+    def _follow(self, _: object) -> None:
+        if self._is_linking or not self.editor.is_good:
+            return
+        try:
+            self._follow_with(self._solutions().nearest(self.cam_T_obj))
+        except GeometryError as error:
+            self.editor.problem = str(error)
+
+    def _follow_corners(self) -> None:
+        if self.pairs.count >= 4:
+            self.solve_corners()
+
+    def _follow_with(self, pose: FloatArray) -> None:
+        """Take a pose that comes from the points."""
+        self._is_linking = True
+        try:
+            self.cam_T_obj = pose
+        finally:
+            self._is_linking = False
+
+    @traitlets.validate("cam_T_obj")
+    def _checked(self, proposal: dict[str, Any]) -> FloatArray:
+        pose = np.array(proposal["value"], np.float64)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise traitlets.TraitError(f"a pose of shape {pose.shape}: give a finite cam_T_obj (4, 4)")
+        pose.flags.writeable = False
+        return pose
+
+    def _pose_changed(self, _: object) -> None:
+        if self.snapped is not None and not np.array_equal(self.snapped.cam_T_obj, self.cam_T_obj):
+            self.snapped = None
+        if not self._is_linking:
+            self._bring_points()
+        self._draw()
+
+    def _bring_points(self) -> None:
+        """Put the control points where the pose has them."""
+        before, self.region = self.region, self._region_of(self.cam_T_obj)
+        points = self.points_at(self.cam_T_obj)
+        if not np.isfinite(points).all():
+            return  # behind the camera; snap will say so
+        self._is_linking = True
+        try:
+            # Points of another face are other points: undo must not mix the two.
+            if before == self.region:
+                self.editor.points = points
+            else:
+                self.editor.restart(points)
+        finally:
+            self._is_linking = False
+
+    def _solutions(self) -> PlanarPnP:
+        return solve_planar_pnp(self._points_obj(), self.editor.points, self.frame.camera)
+
+    def _other_pose(self) -> FloatArray | None:
+        try:
+            poses = self._solutions().poses
+        except GeometryError:
+            return None
+        near = self._solutions().nearest(self.cam_T_obj)
+        other: FloatArray = poses[1] if np.array_equal(poses[0], near) else poses[0]
+        return other if rotation_angle_deg(other[:3, :3], near[:3, :3]) > 1.0 else None
+
+    def _region_of(self, pose: FloatArray) -> int:
+        part = self.model.part
+        return choose_region(eye_position(pose) - part.box_centre, 0.5 * part.box_size)
+
+    def _points_obj(self) -> FloatArray:
+        part = self.model.part
+        return mid_section_points(part.box_min, part.box_max, ALL_REGIONS[self.region].axis)
+
+    # ---- showing
+
+    def _drag_page(self) -> tuple[list[ipywidgets.Widget], list[ipywidgets.Widget]]:
+        turns = motion_buttons(self.turn, lambda factor: self.turn((0.0, 0.0, 0.0), factor), TURN_DEG, DEPTH_STEP)
+        other = button("other pose", "four coplanar points leave two poses: take the other one", self.take_other_pose)
+        faces = [
+            button(name, f"look at the face {name} of the part's box", _calling(self.see_from, region))
+            for region, name in enumerate(REGION_NAMES)
+        ]
+        label = ipywidgets.Label("seen from")
+        return [self.editor], [self.cad_view, row([*turns, other]), row([label, *faces])]
+
+    def _click_page(self) -> tuple[list[ipywidgets.Widget], list[ipywidgets.Widget]]:
+        turns = motion_buttons(self.chooser.turn, lambda _: None, TURN_DEG, DEPTH_STEP)[:6]
+        clear = button("clear", "forget all corners", self.pairs.clear)
+        return [self.picture], [self.chooser, row([*turns, clear])]
+
+    def _turn_page(self) -> None:
+        left, right = self._by_mode[self.mode.value]
+        self._left.children, self._right.children = left, right
+        self._draw()
+
+    def _draw(self) -> None:
+        """The generated edges on the frame; all of them, coloured by what was found, once a snap knows that."""
+        canvas = self.editor if self.mode.value == DRAG else self.picture
+        if self.snapped is not None:
+            canvas.draw(residual_strokes(self.snapped.edges, self.snapped.residuals_px, RESIDUAL_LABEL))
+        else:
+            count = LIGHT_SAMPLES if canvas.dragging else len(self.model.edges)
+            canvas.draw([edge_strokes(self._edges(count), GENERATED, "generated edges", 1.5)])
+        if not canvas.dragging and self.mode.value == DRAG:
+            self.cad_view.look(self.cam_T_obj[:3, :3])
+            self.cad_view.closed = True
+            self.cad_view.points = self.cad_view.project(self._points_obj())
+
+    def _edges(self, count: int) -> GeneratedEdges:
+        visible = self._generator.visible(self.cam_T_obj, self.region, count)
+        return project_samples(self._generator.edges, visible, self.cam_T_obj, self.frame.camera)
+
+    def _save_as_told(self) -> None:
+        try:
+            self.save(self.path.value)
+        except AcpLabError as error:
+            self._tell(str(error))
+        else:
+            self._tell(f"the pose is in {Path(self.path.value).resolve()}")
+
+    def _tell(self, text: str) -> None:
+        self.message.value = text
+
+
+def _in_the_middle(model: PreparedPart, frame: Frame) -> FloatArray:
+    """The part's +z side in the middle of the image, half as large as it."""
+    camera, part = frame.camera, model.part
+    middle = np.array([[0.5 * (camera.width - 1), 0.5 * (camera.height - 1)]])
+    distance = camera.fx * part.radius / (0.25 * min(camera.width, camera.height))
+    rotation = _rotation_seeing(4)
+    return make_pose(rotation, distance * camera.rays(middle)[0] - rotation @ part.box_centre)
+
+
+def _rotation_seeing(region: int) -> FloatArray:
+    """(3, 3) object to camera axes: looks at a face of the box, 25 degrees from the side and above."""
+    view = ALL_REGIONS[region]
+    outward = np.zeros(3)
+    outward[view.axis] = view.sign
+    side = np.cross(view.up_obj, outward)
+    to_eye = outward + np.tan(np.radians(25.0)) * 0.7 * (side + view.up_obj)
+    z_axis = -to_eye / np.linalg.norm(to_eye)
+    x_axis = np.cross(z_axis, view.up_obj)
+    x_axis /= np.linalg.norm(x_axis)
+    rotation: FloatArray = np.stack([x_axis, np.cross(z_axis, x_axis), z_axis])
+    return rotation
+
+
+def _calling(action: Any, argument: int) -> Any:
+    return lambda: action(argument)

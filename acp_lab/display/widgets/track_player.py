@@ -1,0 +1,171 @@
+"""A stored run, frame by frame: the image with what was generated and found in it, and the curves, in step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ipywidgets
+import numpy as np
+import traitlets
+
+from acp_lab.display.accuracy import AddPercent
+from acp_lab.display.look import GENERATED, IMAGE, POINTS, START, TRUTH
+from acp_lab.display.widgets.controls import row, side_by_side
+from acp_lab.display.widgets.curve_plot import Curve, CurvePlot, Mark
+from acp_lab.display.widgets.frame_shelf import FrameShelf
+from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, Overlay, residual_strokes
+from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.errors import SequenceError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.observer import TrackResult
+from acp_lab.tracking.session import TrackRun
+
+ADD_ROW, LOSS_ROW, QUALITY_ROW = "ADD [% of diameter]", "loss e(I)", "quality [0 to 1]"
+ADD_LIMITS = (2.0, 5.0)
+PLAY_MS = 150
+LARGEST_SHOWN_ADD = 20.0
+"""Percent; a lost part would flatten the rest of the curve."""
+
+
+class TrackPlayer(ipywidgets.VBox):
+    """Plays, scrubs and steps a `TrackRun`.
+
+    frame: which frame of the run is shown, counted from 0; it moves with all controls, and moves them when it is
+    assigned, so another viewer can lead or follow it (`player.observe(..., "frame")`). object_id: whose results.
+    result: of that frame. canvas, curves: the parts.
+    """
+
+    frame = traitlets.Int(0)
+    object_id = traitlets.Int(1)
+
+    def __init__(self, run: TrackRun, sequence: Sequence | None = None, object_id: int | None = None) -> None:
+        """sequence: where the images are, by default the one that was tracked; object_id: by default the first.
+
+        Raises SequenceError for a run without a sequence or results, and for an object that was not tracked.
+        """
+        sequence = run.sequence if sequence is None else sequence
+        if sequence is None or not any(run.results.values()):
+            raise SequenceError(f"{run.name}: nothing to play: give the results of track_sequence and their sequence")
+        chosen = next(iter(run.results)) if object_id is None else object_id
+        if chosen not in run.results:
+            raise SequenceError(f"{run.name}: no object {chosen}: the run has {sorted(run.results)}")
+        self.run, self.sequence = run, sequence
+        self._shelf = FrameShelf(sequence)
+        self.canvas = PointCanvas(closed=True, height_px=500)
+        self.curves = CurvePlot((), (), x_label="image id")
+        last = max(len(results) for results in run.results.values()) - 1
+        self.play = ipywidgets.Play(min=0, max=last, interval=PLAY_MS, show_repeat=True)
+        self.slider = ipywidgets.IntSlider(min=0, max=last, description="frame", layout=ipywidgets.Layout(flex="1"))
+        self.follow = ipywidgets.Checkbox(False, description="follow the part", indent=False)
+        self.follow.layout.width = "auto"
+        names = {f"object {i}": i for i in run.results}
+        self.object = ipywidgets.Dropdown(options=names, value=chosen, layout=ipywidgets.Layout(width="130px"))
+        self.object.layout.display = None if len(names) > 1 else "none"
+        controls = row([self.play, self.slider, self.follow, self.object], gap="4px 12px")
+        left = ipywidgets.VBox([self.canvas, controls])
+        super().__init__([side_by_side((left, "3 1 420px"), (self.curves, "2 1 320px"))], object_id=chosen)
+        # Play and slider run in the browser; the kernel draws as many of their frames as it can.
+        ipywidgets.jslink((self.play, "value"), (self.slider, "value"))
+        for widget, trait in ((self.play, "value"), (self.slider, "value"), (self.curves, "cursor")):
+            traitlets.link((self, "frame"), (widget, trait))
+        traitlets.link((self, "object_id"), (self.object, "value"))
+        self.follow.observe(lambda _: self._show_frame(), "value")
+        self.observe(lambda _: self._show_frame(), "frame")
+        self.observe(lambda _: self._show_object(), "object_id")
+        self._show_object()
+
+    @property
+    def results(self) -> tuple[TrackResult, ...]:
+        """Of the chosen object, one per frame."""
+        return self.run.results[self.object_id]
+
+    @property
+    def result(self) -> TrackResult:
+        """Of the frame shown."""
+        return self.results[min(self.frame, len(self.results) - 1)]
+
+    @traitlets.validate("frame")
+    def _within(self, proposal: dict[str, Any]) -> int:
+        return int(np.clip(proposal["value"], 0, self.slider.max))
+
+    def _show_object(self) -> None:
+        results, part = self.results, self.run.parts.get(self.object_id)
+        error = AddPercent(part) if part is not None else None
+        truths = [self.sequence.truth(result.frame_id, self.object_id) for result in results]
+        self._add_percent = np.array(
+            [error(r.cam_T_obj, truth) if error else np.nan for r, truth in zip(results, truths, strict=True)]
+        )
+        curves = [
+            Curve(np.array([result.loss for result in results]), GENERATED, LOSS_ROW),
+            Curve(np.array([result.quality for result in results]), TRUTH, QUALITY_ROW),
+        ]
+        marks: tuple[Mark, ...] = ()
+        if np.isfinite(self._add_percent).any():
+            shown = np.minimum(self._add_percent, LARGEST_SHOWN_ADD)
+            curves.insert(0, Curve(shown, POINTS, ADD_ROW))
+            limits = [limit for limit in ADD_LIMITS if limit <= max(np.nanmax(shown), ADD_LIMITS[0])]
+            marks = tuple(Mark(limit, ADD_ROW, f"{limit:g}%") for limit in limits)
+        with self.curves.hold_sync():
+            self.curves.x = tuple(float(result.frame_id) for result in results)
+            self.curves.marks, self.curves.curves = marks, tuple(curves)
+        self._show_frame()
+
+    def _show_frame(self) -> None:
+        result = self.result
+        shelved = self._shelf(result.frame_id)
+        with self.canvas.hold_sync():
+            self.canvas.title = f"{self.run.name}, image {result.frame_id}"
+            if shelved.content:
+                self.canvas.image_size = shelved.size
+            self.canvas.image = shelved.content
+            self.canvas.points = result.control_points if np.isfinite(result.control_points).all() else ()
+            self.canvas.draw(result_overlays(result))
+            self.canvas.view = _view_of(result) if self.follow.value else ()
+            self.canvas.status = shelved.note or self._told(result)
+
+    def _told(self, result: TrackResult) -> str:
+        words = [str(result.state), f"quality {result.quality:.2f}", f"{1e3 * result.timings.total_s:.1f} ms"]
+        add = self._add_percent[min(self.frame, len(self.results) - 1)]
+        if np.isfinite(add):
+            words.insert(1, f"ADD {add:.2f} %")
+        return ", ".join([*words, result.note] if result.note else words)
+
+
+def result_overlays(result: TrackResult) -> tuple[Overlay, ...]:
+    """What a frame's result looks like over its image: image edges, generated edges, the way of the points."""
+    overlays: list[Overlay] = []
+    found = _image_edges(result)
+    if len(found):
+        overlays.append(Overlay("dots", found, IMAGE, "image edges", 2.5))
+    if result.edges is not None and len(result.edges):
+        overlays.extend(residual_strokes(result.edges, result.residuals_px, RESIDUAL_LABEL))
+    if result.steps:
+        ways = np.array([step.control_points for step in result.steps])
+        overlays.extend(Overlay("line", ways[:, i], POINTS, "way of I in this frame", 1.5) for i in range(4))
+        overlays.append(Overlay("dots", ways[0], START, "where I began", 6.0))
+    return tuple(overlays)
+
+
+def _image_edges(result: TrackResult) -> FloatArray:
+    """(m, 2) px: the method's own edge map if it was recorded, else where each generated point found its edge."""
+    if result.target is not None:
+        return result.target.edge_points
+    if result.edges is None or result.residuals_px is None:
+        return np.zeros((0, 2))
+    residuals = result.residuals_px
+    seen = np.isfinite(residuals)
+    points: FloatArray = result.edges.points[seen] + residuals[seen, None] * result.edges.normals[seen]
+    return points
+
+
+def _view_of(result: TrackResult) -> tuple[float, ...]:
+    """A box around the part, of the aspect that most images have, so that the stage does not change its shape."""
+    points = result.control_points if result.edges is None or not len(result.edges) else result.edges.points
+    points = points[np.isfinite(points).all(1)]
+    if len(points) == 0:
+        return ()
+    low, high = points.min(0), points.max(0)
+    height = 1.25 * max(float((high - low)[1]), float((high - low)[0]) * 0.8, 20.0)
+    x, y = 0.5 * (low + high) - 0.5 * height * np.array([1.25, 1.0])
+    return float(x), float(y), 1.25 * height, height

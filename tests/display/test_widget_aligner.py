@@ -1,0 +1,149 @@
+"""The aligner: a hand drags, snap finishes, the file reads back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import traitlets
+
+from acp_lab.control_points.view_regions import REGION_NAMES
+from acp_lab.display.widgets.pose_aligner import CLICK, PoseAligner
+from acp_lab.evaluation import add_mm
+from acp_lab.geometry.pose import rotation_angle_deg, transform
+from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.json_file import read_pose
+from tests.display.scripted_hand import drag, drag_onto_the_part, view_from_beside
+from tests.prepared_sample import sample_model, sample_scene
+
+
+def first_frame() -> Frame:
+    frame = sample_scene().frame(0)
+    assert isinstance(frame, Frame)
+    return frame
+
+
+@pytest.fixture
+def aligner() -> PoseAligner:
+    return PoseAligner(sample_model(), first_frame())
+
+
+def add_percent(pose: np.ndarray) -> float:
+    part = sample_model().part
+    return 100.0 * add_mm(part.vertices, pose, sample_scene().first_pose) / part.diameter
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))])
+def test_a_scripted_drag_from_beside_snaps_to_the_part(seed: int, tmp_path: Path) -> None:
+    """From a view 40 degrees and 60 px off, each point dragged to within 5 px of its place."""
+    rng = np.random.default_rng(seed)
+    model, frame, truth = sample_model(), first_frame(), sample_scene().first_pose
+    aligner = PoseAligner(model, frame, view_from_beside(model, frame, truth, 40.0, 60.0, rng))
+    assert add_percent(aligner.cam_T_obj) > 15.0
+    drag_onto_the_part(aligner, truth, 5.0, rng)
+    found = aligner.snap()
+    assert found is not None
+    assert found.is_good
+    assert add_percent(aligner.cam_T_obj) < 2.0
+    assert "found" in aligner.message.value
+    # The points went along, and the file says the same.
+    np.testing.assert_allclose(aligner.editor.points, aligner.points_at(aligner.cam_T_obj))
+    aligner.save(tmp_path / "POSE.json")
+    np.testing.assert_allclose(read_pose(tmp_path / "POSE.json"), aligner.cam_T_obj, atol=1e-9)
+
+
+def test_the_part_begins_in_the_middle_of_the_image(aligner: PoseAligner) -> None:
+    middle = aligner.editor.points.mean(0)
+    assert np.linalg.norm(middle - (319.5, 255.5)) < 15.0
+    assert aligner.editor.is_good
+    assert len(aligner.editor.overlays) == 1
+
+
+def test_dragging_moves_the_pose_and_undo_takes_it_back(aligner: PoseAligner) -> None:
+    before = aligner.cam_T_obj
+    drag(aligner.editor, 1, aligner.editor.points[1] + (8.0, -6.0))
+    moved = aligner.cam_T_obj
+    assert rotation_angle_deg(before[:3, :3], moved[:3, :3]) > 0.5
+    aligner.editor.undo()
+    np.testing.assert_allclose(aligner.cam_T_obj, before, atol=1e-4)
+
+
+def test_a_folded_quad_leaves_the_pose_alone(aligner: PoseAligner) -> None:
+    before = aligner.cam_T_obj
+    # In one stroke: on the way there the quad would still be good.
+    points = aligner.editor.points[[0, 2, 1, 3]]
+    aligner.editor.points = points
+    assert "folded" in aligner.editor.problem
+    np.testing.assert_array_equal(aligner.cam_T_obj, before)
+
+
+@pytest.mark.parametrize("region", range(6))
+def test_every_face_can_be_looked_at(region: int, aligner: PoseAligner) -> None:
+    aligner.see_from(region)
+    assert aligner.editor.is_good
+    assert aligner.region == region, REGION_NAMES[region]
+    np.testing.assert_allclose(aligner.points_at(aligner.cam_T_obj), aligner.editor.points)
+
+
+def test_turning_keeps_the_centre_and_the_other_pose_fits_the_same_points(aligner: PoseAligner) -> None:
+    centre_obj = sample_model().part.box_centre
+    before = transform(aligner.cam_T_obj, centre_obj)
+    aligner.turn((0.0, 0.0, 15.0))
+    np.testing.assert_allclose(transform(aligner.cam_T_obj, centre_obj), before)
+    pose, points = aligner.cam_T_obj, aligner.editor.points
+    aligner.take_other_pose()
+    assert rotation_angle_deg(aligner.cam_T_obj[:3, :3], pose[:3, :3]) > 5.0
+    assert np.abs(aligner.points_at(aligner.cam_T_obj) - points).max() < 12.0
+
+
+def test_corners_clicked_on_model_and_image_give_the_pose(aligner: PoseAligner) -> None:
+    truth, chooser = sample_scene().first_pose, aligner.chooser
+    aligner.mode.value = CLICK
+    chooser.look(truth[:3, :3])
+    rows = chooser.seen_corners()[:: max(1, len(chooser.seen_corners()) // 6)][:6]
+    aligner.solve_corners()
+    assert "needs 4 points" in aligner.message.value
+    pixels = first_frame().camera.project(transform(truth, chooser.corners_obj[rows]))
+    for number, (row, pixel) in enumerate(zip(rows, pixels, strict=True)):
+        chooser._handle_custom_msg(_click(chooser.project(chooser.corners_obj[[row]])[0] + 2.0), [])
+        aligner.picture._handle_custom_msg(_click(pixel), [])
+        assert aligner.pairs.count == number + 1
+    assert add_percent(aligner.cam_T_obj) < 0.5
+    # A wrong one, dragged away, makes it worse; undo mends it; undo again takes the last pair away.
+    drag(aligner.picture, 0, pixels[0] + (30.0, 0.0))
+    assert add_percent(aligner.cam_T_obj) > 0.5
+    aligner.picture.undo()
+    assert add_percent(aligner.cam_T_obj) < 0.5
+    aligner.picture.undo()
+    assert aligner.pairs.count == len(rows) - 1
+    aligner.pairs.clear()
+    assert aligner.pairs.count == len(aligner.picture.points) == 0
+
+
+def test_snapping_where_nothing_is_says_so(aligner: PoseAligner) -> None:
+    away = aligner.cam_T_obj.copy()
+    away[0, 3] += 4000.0
+    aligner.cam_T_obj = away
+    assert aligner.snap() is None
+    assert "not seen" in aligner.message.value
+
+
+def test_an_assigned_pose_takes_the_points_along(aligner: PoseAligner) -> None:
+    truth = sample_scene().first_pose
+    aligner.cam_T_obj = truth
+    np.testing.assert_allclose(aligner.editor.points, aligner.points_at(truth))
+    np.testing.assert_allclose(aligner.cam_T_obj, truth)
+    with pytest.raises(traitlets.TraitError, match=r"\(4, 4\)"):
+        aligner.cam_T_obj = np.eye(3)
+
+
+def test_a_place_that_cannot_be_written_is_told(aligner: PoseAligner, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    aligner.path.value = str(tmp_path / "file" / "POSE.json")
+    aligner._save_as_told()
+    assert "cannot be written" in aligner.message.value
+
+
+def _click(pixel: np.ndarray) -> dict[str, object]:
+    return {"kind": "click", "x": float(pixel[0]), "y": float(pixel[1])}

@@ -1,0 +1,157 @@
+"""The canvas under all widgets: what its traits take, when a point counts as put down, and what the browser gets."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+import traitlets
+
+from acp_lab.display.colours import GREY, SKY, VERMILLION
+from acp_lab.display.widgets.overlay import Overlay, css_colour, residual_strokes, serialised
+from acp_lab.display.widgets.picture import jpeg_bytes, png_bytes
+from acp_lab.display.widgets.point_canvas import STATIC, Axis, PointCanvas
+from acp_lab.errors import AcpLabError
+from acp_lab.generator.base import GeneratedEdges
+from tests.display.scripted_hand import drag
+
+POINTS = np.array([[10.0, 10.0], [60.0, 12.0], [55.0, 40.0]])
+GREY_IMAGE = np.full((50, 80), 90, np.uint8)
+
+
+def canvas() -> PointCanvas:
+    return PointCanvas(GREY_IMAGE, POINTS, editable=True)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [((50, 80), (80, 50)), ((1024, 1224, 3), (1224, 1024)), ((900, 60, 3), (60, 900)), ((0, 0, 3), (0, 0))],
+)
+def test_grey_large_tall_and_empty_images(shape: tuple[int, ...], size: tuple[int, int]) -> None:
+    made = PointCanvas(np.full(shape, 90, np.uint8))
+    assert made.image_size == size
+    if size == (0, 0):
+        assert made.image == b""
+    else:
+        decoded = cv2.imdecode(np.frombuffer(made.image, np.uint8), cv2.IMREAD_COLOR)
+        assert decoded.shape[:2] == shape[:2]
+        assert abs(int(decoded.mean()) - 90) < 3
+
+
+def test_colours_survive_and_other_types_are_refused() -> None:
+    image = np.zeros((8, 8, 3), np.uint8)
+    image[..., 0] = 200
+    assert cv2.imdecode(np.frombuffer(png_bytes(image), np.uint8), cv2.IMREAD_COLOR)[0, 0].tolist() == [0, 0, 200]
+    for wrong in (np.zeros((4, 4), np.float32), np.zeros((4, 4, 2), np.uint8)):
+        with pytest.raises(AcpLabError, match="give uint8 pixels"):
+            jpeg_bytes(wrong)
+
+
+def test_points_are_read_only_arrays() -> None:
+    made = canvas()
+    made.points = [[1, 2], [3, 4]]
+    assert made.points.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        made.points[0, 0] = 5.0
+    POINTS_BEFORE = POINTS.copy()
+    made.points = POINTS
+    made.reset()
+    np.testing.assert_array_equal(POINTS, POINTS_BEFORE)
+
+
+@pytest.mark.parametrize("wrong", [[[1, 2, 3]], [[np.nan, 1]], "abc", [1.0, 2.0], [[1, 2], [3]]])
+def test_what_is_no_list_of_points_is_refused(wrong: object) -> None:
+    with pytest.raises(traitlets.TraitError):
+        canvas().points = wrong
+
+
+def test_points_settle_once_when_the_hand_lets_go() -> None:
+    made, live, settled = canvas(), [], []
+    made.observe(lambda change: live.append(change.new.copy()), "points")
+    made.observe(lambda change: settled.append(change.new.copy()), "settled")
+    drag(made, 1, np.array([70.0, 20.0]), steps=5)
+    assert len(live) == 5
+    assert len(settled) == 1
+    np.testing.assert_allclose(settled[0][1], [70.0, 20.0])
+    assert not made.dragging
+    # An assignment from Python is not held by anybody.
+    made.points = POINTS + 1.0
+    assert len(settled) == 2
+
+
+def test_undo_and_reset_as_the_buttons_ask_for_them() -> None:
+    made = canvas()
+    drag(made, 0, np.array([20.0, 25.0]))
+    drag(made, 2, np.array([30.0, 45.0]))
+    made._handle_custom_msg({"kind": "undo"}, [])
+    np.testing.assert_allclose(made.points, [[20, 25], POINTS[1], POINTS[2]])
+    made._handle_custom_msg({"kind": "reset"}, [])
+    np.testing.assert_allclose(made.points, POINTS)
+    made.undo()
+    np.testing.assert_allclose(made.points[0], [20, 25])
+    for _ in range(5):
+        made.undo()
+    np.testing.assert_allclose(made.points, POINTS)
+    made.restart(POINTS + 3.0)
+    made.undo()
+    np.testing.assert_allclose(made.points, POINTS + 3.0)
+
+
+def test_a_long_history_keeps_the_first_points() -> None:
+    made = canvas()
+    for k in range(300):
+        made.points = POINTS + 1.0 + k
+    assert len(made._history) < 220
+    made.reset()
+    np.testing.assert_allclose(made.points, POINTS)
+
+
+def test_clicks_are_told_only_while_they_are_wanted() -> None:
+    made, clicks = canvas(), []
+    made.on_click(lambda pixel: clicks.append(pixel.tolist()))
+    made._handle_custom_msg({"kind": "click", "x": 3, "y": 4.5}, [])
+    made.clickable = True
+    made._handle_custom_msg({"kind": "click", "x": 3, "y": 4.5}, [])
+    assert clicks == [[3.0, 4.5]]
+
+
+def test_overlays_go_as_bytes_without_what_is_not_finite() -> None:
+    rows = np.array([[[0.0, 0.0], [1.0, 2.0]], [[np.nan, 0.0], [1.0, 2.0]]])
+    (sent,) = serialised([Overlay("strokes", rows, SKY, "edges", 2.0)])
+    assert np.frombuffer(sent["data"], np.float32).tolist() == [0.0, 0.0, 1.0, 2.0]
+    assert sent["colour"] == css_colour(SKY) == "#56b4e9"
+    made = canvas()
+    made.draw([Overlay("dots", POINTS, SKY)])
+    assert len(made.get_state("overlays")["overlays"]) == 1
+
+
+def test_residual_strokes_are_grouped_by_their_colour() -> None:
+    edges = GeneratedEdges(np.arange(14.0).reshape(7, 2), np.tile([1.0, 0.0], (7, 1)), np.ones(7), np.arange(7))
+    residuals = np.array([0.0, 0.0, -9.0, 4.0, np.nan, 1.0, -1.0])
+    groups = residual_strokes(edges, residuals, "edges")
+    assert sum(len(group.coordinates) for group in groups) == 7
+    np.testing.assert_allclose(groups[0].colour, SKY)
+    assert len(groups[0].coordinates) == 2
+    by_colour = {tuple(np.round(group.colour, 3)): len(group.coordinates) for group in groups}
+    assert by_colour[tuple(np.round(VERMILLION, 3))] == 2
+    assert by_colour[GREY] == 1
+    (unknown,) = residual_strokes(edges, None, "edges")
+    assert unknown.colour == GREY
+
+
+def test_an_axis_reads_back_what_it_places() -> None:
+    axis = Axis("turn", "°", -8.0, 8.0)
+    for value in (-8.0, 0.0, 3.3):
+        assert axis.value(axis.place(value, 360), 360) == pytest.approx(value)
+    # The rim of the first pixel is the low end, that of the last one the high end.
+    assert axis.value(-0.5, 360) == -8.0
+    assert axis.value(359.5, 360) == 8.0
+
+
+def test_the_drawing_is_one_module_that_fetches_nothing() -> None:
+    text = PointCanvas._esm if isinstance(PointCanvas._esm, str) else str(PointCanvas._esm)
+    assert text.count("export default") == 1
+    assert "import " not in text
+    for path in STATIC.iterdir():
+        addresses = path.read_text().replace("http://www.w3.org/2000/svg", "")
+        assert "http" not in addresses, path.name

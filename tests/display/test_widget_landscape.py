@@ -1,0 +1,58 @@
+"""The landscape widget: its map belongs to its controls, and the way starts where the hand lets go."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.display.widgets.loss_landscape import BCE, LossLandscape, map_picture
+from acp_lab.sequences.frame import Frame
+from tests.display.scripted_hand import drag
+from tests.prepared_sample import sample_model, sample_scene
+
+
+@pytest.fixture(scope="module")
+def widget() -> LossLandscape:
+    frame = sample_scene().frame(0)
+    assert isinstance(frame, Frame)
+    return LossLandscape(sample_model(), frame, sample_scene().first_pose)
+
+
+def test_the_way_starts_where_the_point_was_let_go(widget: LossLandscape) -> None:
+    before = widget.descent
+    drag(widget.map, 0, np.array([100.0, 250.0]))
+    assert widget.descent is not None
+    assert widget.descent is not before
+    np.testing.assert_allclose(widget.descent.offsets[0], widget.start_offsets)
+    u, v = widget.map.axes
+    np.testing.assert_allclose(widget.start_offsets[:2], [u.value(100.0, 360), v.value(250.0, 360)])
+
+
+def test_form_and_alpha_change_the_map_without_asking_the_frame_again(widget: LossLandscape) -> None:
+    before, picture = widget._slice, widget.map.image
+    widget.alpha.value = 4.0
+    assert widget._slice is before
+    assert widget.map.image != picture
+
+
+def test_pose_and_images(widget: LossLandscape) -> None:
+    widget.reach.value = 0.5
+    widget.space.value = "pose"
+    assert [axis.unit for axis in widget.map.axes] == ["°", "°"]
+    assert widget.start_offsets.shape == (6,)
+    assert np.abs(widget.start_offsets).max() < np.radians(5.0)
+    widget.form.value = BCE
+    assert widget.descent is None
+    assert widget.alpha.disabled
+    widget.form.value = "printed"
+    assert not widget.alpha.disabled
+
+
+def test_a_map_with_a_pole_still_shows_the_rest() -> None:
+    values = np.add.outer(np.arange(33.0), np.arange(33.0))
+    values[5, 5], values[6, 6], values[7, 7] = 1e9, -1e9, np.nan
+    picture, low, high = map_picture(values)
+    assert picture.shape == (360, 360, 3)
+    assert -1.0 < low < high < 70.0
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 15
+    assert map_picture(np.full((33, 33), np.nan))[0].shape == (360, 360, 3)

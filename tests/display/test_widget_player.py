@@ -1,0 +1,129 @@
+"""The player: frame, slider, curves and picture in step; runs of data sets and of streams."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.display.widgets.frame_shelf import FrameShelf
+from acp_lab.display.widgets.track_player import TrackPlayer, result_overlays
+from acp_lab.errors import SequenceError
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.observer import SessionInfo, TargetView, TrackedObject, TrackStep
+from acp_lab.tracking.session import TrackRun
+from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, box, frames, result, true_pose
+from tests.prepared_sample import sample_scene
+
+
+class MadeStream:
+    """Frames that only come in their order, as from a video."""
+
+    name, scene_id, frame_ids, object_ids = "made", 1, FRAME_IDS, (1,)
+
+    def __init__(self) -> None:
+        self.begun = 0
+        self.first_pose = true_pose(0)
+        self.first_poses = {1: self.first_pose}
+
+    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+        self.begun += 1
+        yield from frames()
+
+    def truth(self, frame_id: int, object_id: int) -> np.ndarray:
+        return true_pose(frame_id, object_id)
+
+
+def run(stream: MadeStream, object_ids: tuple[int, ...] = (1,)) -> TrackRun:
+    results = {i: tuple(result(frame, i) for frame in frames()) for i in object_ids}
+    session = SessionInfo("made", 1, "acp", tuple(TrackedObject(i, box()) for i in object_ids))
+    return TrackRun("made", 1, "acp", results, stream, session)
+
+
+def test_everything_moves_with_the_frame_and_moves_it() -> None:
+    player = TrackPlayer(run(MadeStream()))
+    for place, move in enumerate(
+        (
+            lambda: None,
+            lambda: setattr(player, "frame", 1),
+            lambda: player.curves.set_state({"cursor": 2}),
+            lambda: player.play.set_state({"value": 3}),
+        )
+    ):
+        move()
+        assert player.frame == player.slider.value == player.play.value == player.curves.cursor == place
+        assert f"image {FRAME_IDS[place]}" in player.canvas.title
+    player.frame = 99
+    assert player.frame == 3
+
+
+def test_an_unreadable_frame_says_why_and_shows_no_picture() -> None:
+    player = TrackPlayer(run(MadeStream()))
+    player.frame = FRAME_IDS.index(UNREADABLE_ID)
+    assert player.canvas.image == b""
+    assert "the file is empty" in player.canvas.status
+    player.frame = 0
+    assert player.canvas.image != b""
+    assert "ADD" in player.canvas.status
+
+
+def test_the_curves_are_those_of_the_run() -> None:
+    player = TrackPlayer(run(MadeStream()))
+    rows = {curve.row: curve.values for curve in player.curves.curves}
+    np.testing.assert_allclose(rows["loss e(I)"], [1.5, 1.5, 0.0, 1.5])
+    # One millimetre off, in percent of the box's diameter.
+    np.testing.assert_allclose(rows["ADD [% of diameter]"], 100.0 / box().diameter, rtol=1e-6)
+
+
+def test_overlays_show_edges_image_edges_and_the_way_of_the_points() -> None:
+    first = result(next(iter(frames())), 1)
+    labels = [overlay.label for overlay in result_overlays(first)]
+    assert labels[0] == "image edges"
+    assert any("generated edges" in label for label in labels)
+    found = result_overlays(first)[0].coordinates
+    assert len(found) == 8  # the ninth edge point found none
+    np.testing.assert_allclose(np.abs(found[:, 1] - first.edges.points[0, 1]).max(), 4.0)
+    steps = tuple(TrackStep(first.control_points + k, first.cam_T_obj, 1.0, 0) for k in range(3))
+    target = TargetView(np.array([[3.0, 4.0]]), (0, 0), (10, 10))
+    overlays = result_overlays(replace(first, steps=steps, target=target))
+    np.testing.assert_allclose(overlays[0].coordinates, [[3.0, 4.0]])
+    assert sum(overlay.label == "way of I in this frame" for overlay in overlays) == 4
+
+
+def test_following_the_part_cuts_the_view() -> None:
+    player = TrackPlayer(run(MadeStream()))
+    assert player.canvas.view == ()
+    player.follow.value = True
+    x, y, width, height = player.canvas.view
+    points = player.result.edges.points
+    assert (points >= (x, y)).all()
+    assert (points <= (x + width, y + height)).all()
+
+
+def test_two_objects_can_be_chosen() -> None:
+    player = TrackPlayer(run(MadeStream(), (1, 2)))
+    before = player.result.cam_T_obj
+    player.object.value = 2
+    assert player.object_id == 2
+    assert not np.allclose(player.result.cam_T_obj, before)
+
+
+def test_what_cannot_be_played() -> None:
+    with pytest.raises(SequenceError, match="nothing to play"):
+        TrackPlayer(replace(run(MadeStream()), sequence=None))
+    with pytest.raises(SequenceError, match="no object 7"):
+        TrackPlayer(run(MadeStream()), object_id=7)
+
+
+def test_a_stream_is_read_once_and_a_data_set_by_its_files() -> None:
+    stream = MadeStream()
+    shelf = FrameShelf(stream)
+    assert shelf(FRAME_IDS[1]).content == shelf(FRAME_IDS[1]).content != b""
+    assert shelf(FRAME_IDS[0]).size == (160, 128)
+    assert stream.begun == 1
+    with pytest.raises(SequenceError, match="no frame 99"):
+        shelf(99)
+    scene = sample_scene()
+    assert FrameShelf(scene)(5).content == scene.image_paths[5].read_bytes()
