@@ -1,0 +1,79 @@
+"""Where the image of a part's edges lies beside the CAD model's, in millimetres: what broken edges do.
+
+Machined edges are broken by some tenths of a millimetre, so the outline of a real part lies *inside* its
+model's. Measured at the true pose, edge point by edge point, with the nearest strong image edge along the normal.
+
+Convention: mm at the depth of the point; outward, away from the part's own material, counts as positive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.cad.edges import facing
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.errors import SequenceError
+from acp_lab.evaluation.true_edges import TrueEdges
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.sequences.bop import BopScene
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.image_edges import SearchConfig, image_patch, search_along_normals
+
+REACH_PX = 3
+LEAST_SCORE = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeOffsets:
+    """Offsets of all frames together. Prints as two lines.
+
+    Attributes:
+        outline_mm: (n,) of samples on the part's outlines.
+        inner_mm: (m,) of convex creases with both faces in view.
+    """
+
+    outline_mm: FloatArray
+    inner_mm: FloatArray
+
+    def __str__(self) -> str:
+        lines = []
+        for name, offsets_mm in (("outlines", self.outline_mm), ("creases inside", self.inner_mm)):
+            low, middle, high = np.quantile(offsets_mm, [0.25, 0.5, 0.75])
+            lines.append(f"{name}: median {middle:+.2f} mm, half of them from {low:+.2f} to {high:+.2f} mm")
+        return "\n".join(lines)
+
+
+def edge_offsets(truth: TrueEdges, scene: BopScene, object_id: int, frame_ids: Sequence[int]) -> EdgeOffsets:
+    """Measure the offsets in frames that can be read and have truth; SequenceError when none has an edge."""
+    outlines, inner = [], []
+    for frame_id in frame_ids:
+        frame, pose = scene.frame(frame_id), scene.truth(frame_id, object_id)
+        if pose is not None and isinstance(frame, Frame):
+            of_outline, of_crease = _in_frame(truth, frame, pose)
+            outlines.append(of_outline)
+            inner.append(of_crease)
+    if not outlines or not sum(map(len, outlines)) or not sum(map(len, inner)):
+        raise SequenceError(f"{scene.name}: no image edge near the part's in these frames: choose others")
+    return EdgeOffsets(np.concatenate(outlines), np.concatenate(inner))
+
+
+def _in_frame(truth: TrueEdges, frame: Frame, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    rows = truth.rows(pose)
+    at = truth.project(rows, pose, frame.camera)
+    height, width = frame.image.shape[:2]
+    patch = image_patch(frame.image, (0, 0, width, height), 1.0)
+    candidates = search_along_normals(patch, at.points, at.normals, REACH_PX, SearchConfig())
+    best = candidates.scores.argmax(1)[:, None]
+    offset_px = np.take_along_axis(candidates.offsets, best, 1)[:, 0]
+    found = np.take_along_axis(candidates.scores, best, 1)[:, 0] > LEAST_SCORE
+    # Out of the material is where the sum of both face normals points.
+    outward_cam = truth.edges.normals_obj[rows].sum(1) @ pose[:3, :3].T
+    side = np.sign((at.normals * outward_cam[:, :2]).sum(1))
+    depth_mm = transform(pose, truth.edges.points_obj[rows])[:, 2]
+    offset_mm = side * offset_px * depth_mm / frame.camera.fx
+    outline = facing(truth.edges, eye_position(pose)).outline[rows]
+    return offset_mm[found & outline], offset_mm[found & ~outline & truth.edges.convex[rows]]

@@ -1,0 +1,149 @@
+"""How well a loss finds the pose: from starts nearby, with its alpha, and with part of the image's edges missing.
+
+One part, some frames with known poses. From each start the rigid edges of the true view go down e, one level per
+alpha, in six degrees of freedom; what is left between the end and the truth is the loss's own doing.
+
+Reflections hide edges. `erase_edges` does that to a frame: on one side of the part it takes the edge pixels along the
+part's edges away and leaves what else is there, so that a generated edge point finds the nearest wrong edge.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.errors import SequenceError
+from acp_lab.evaluation.landscape import LossSurface
+from acp_lab.evaluation.metrics import add_mm
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.imaging.distance import distance_map
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.optimiser import move_pose
+from acp_lab.tracking.paper.losses import LossForm
+from acp_lab.tracking.paper.solvers import SolverConfig
+from acp_lab.tracking.paper.target import DistanceTarget
+
+ERASED_REACH_PX = 2.5
+_LOST = 1.0
+_VERTICES = 500
+
+
+@dataclass(frozen=True)
+class LossChoice:
+    """A loss to try. alphas_px: one level each, coarse to fine; a very large one makes it plain least squares."""
+
+    name: str
+    form: LossForm
+    alphas_px: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class LossStudyConfig:
+    """turn_deg, shift_mm: how far the starts are off; trials: random directions per frame; steps: per level."""
+
+    turn_deg: float = 2.0
+    shift_mm: float = 2.0
+    trials: int = 4
+    steps: int = 6
+    limit: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class LossStudy:
+    """Where the descents ended. Prints as a table.
+
+    names: (c,) of the choices. erased: (e,) shares of the part's edges that were taken away. errors: (c, e, n) ADD of
+    n descents as share of the diameter, 1 for those that went astray. limit: below it the pose counts as found.
+    """
+
+    names: tuple[str, ...]
+    erased: tuple[float, ...]
+    errors: np.ndarray
+    limit: float
+
+    @property
+    def found(self) -> FloatArray:
+        """(c, e) share of the descents that ended at the pose."""
+        return np.asarray((self.errors < self.limit).mean(2), dtype=np.float64)
+
+    @property
+    def median(self) -> FloatArray:
+        """(c, e) median ADD, share of the diameter."""
+        return np.asarray(np.median(self.errors, axis=2), dtype=np.float64)
+
+    def __str__(self) -> str:
+        width = max(len(name) for name in self.names)
+        head = " " * width + "".join(f"{f'{100 * share:.0f}% gone':>12}" for share in self.erased)
+        rows = [
+            f"{name:>{width}}" + "".join(f"{100 * error:10.2f} %" for error in errors)
+            for name, errors in zip(self.names, self.median, strict=True)
+        ]
+        return "\n".join([head, *rows, f"median ADD in % of the diameter, {self.errors.shape[2]} descents each"])
+
+
+def loss_study(
+    model: PreparedPart,
+    frames: Sequence[Frame],
+    truths: Sequence[FloatArray],
+    choices: Sequence[LossChoice],
+    erased: Sequence[float] = (0.0,),
+    config: LossStudyConfig = LossStudyConfig(),
+    seed: int = 0,
+) -> LossStudy:
+    """Let every choice go down from the same starts.
+
+    Args:
+        truths: cam_T_obj (4, 4) mm of each frame.
+        erased: shares in [0, 1) of the part's edges that are taken out of the image, on one side of it.
+
+    Raises:
+        SequenceError: no frames, or not one truth for each.
+    """
+    if not frames or len(frames) != len(truths):
+        raise SequenceError(f"loss study of {len(frames)} frames and {len(truths)} poses: give one pose for each frame")
+    vertices = model.part.vertices[:: max(1, len(model.part.vertices) // _VERTICES)]
+    errors = np.empty((len(choices), len(erased), len(frames) * config.trials))
+    solver = SolverConfig(steps=config.steps)
+    for which, (frame, truth) in enumerate(zip(frames, truths, strict=True)):
+        whole = LossSurface(model, frame, truth)
+        for trial in range(config.trials):
+            rng = np.random.default_rng([seed, which, trial])
+            start, side_rad = _start(rng, config), float(rng.uniform(0.0, 2.0 * np.pi))
+            for j, share in enumerate(erased):
+                surface = copy.copy(whole)
+                surface.target = erase_edges(whole.target, whole.edges.points, share, side_rad)
+                for i, choice in enumerate(choices):
+                    way = surface.descend("pose", start, choice.form, choice.alphas_px, solver)
+                    end = move_pose(truth, model.part.box_centre, way.offsets[-1])
+                    error = add_mm(vertices, end, truth) / model.part.diameter
+                    errors[i, j, which * config.trials + trial] = min(error, _LOST) if np.isfinite(error) else _LOST
+    return LossStudy(tuple(choice.name for choice in choices), tuple(erased), errors, config.limit)
+
+
+def erase_edges(target: DistanceTarget, points: FloatArray, share: float, side_rad: float) -> DistanceTarget:
+    """A frame's target without its edge pixels along some of the part's edge points.
+
+    target: with a single map. points: (n, 2) px, the part's true edge points. share: of them, the ones that lie
+    furthest towards the side `side_rad` (0 is right, a quarter turn is down).
+    """
+    if share <= 0.0:
+        return target
+    along = points @ (np.cos(side_rad), np.sin(side_rad))
+    gone = points[along > np.quantile(along, 1.0 - share)]
+    marked = np.zeros_like(target.edges)
+    height, width = marked.shape
+    column, row = np.round(gone - target.origin).astype(int).T
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    marked[row[inside], column[inside]] = True
+    edges = target.edges & (distance_map(marked) > ERASED_REACH_PX) if marked.any() else target.edges
+    return DistanceTarget(edges, distance_map(edges)[None], target.origin)
+
+
+def _start(rng: np.random.Generator, config: LossStudyConfig) -> FloatArray:
+    """(6,) rad and mm: exactly so far off, in random directions."""
+    axis, way = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
+    return np.concatenate([np.radians(config.turn_deg) * axis, config.shift_mm * way])
