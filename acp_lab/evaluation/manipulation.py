@@ -193,4 +193,3 @@ def _measured(name: str, is_rigid: bool, edges: GeneratedEdges, truth: Generated
     except GeometryError:  # one of the two shows no edge at all
         distance = None
     return Manipulated(name, is_rigid, edges, distance)
-

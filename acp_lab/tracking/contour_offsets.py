@@ -21,9 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
-
-# Share of the edge break by which outlines lie inside, measured on path-traced milled parts.
-OUTLINE_SHARE_OF_BREAK = 0.6
+from acp_lab.generator.edge_images import OUTLINE_SHARE_OF_BREAK
 
 # A handful of samples has no scatter to speak of.
 MIN_FOR_SCATTER = 30

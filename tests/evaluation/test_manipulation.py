@@ -9,9 +9,11 @@ import pytest
 
 from acp_lab.errors import GeometryError
 from acp_lab.evaluation.manipulation import ManipulationBench, ManipulationStudy
+from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.tracking.optimiser import move_pose
+from acp_lab.tracking.paper.edge_source import View
 from tests.prepared_sample import sample_model, sample_scene
 
 
@@ -72,6 +74,28 @@ def test_edges_that_go_to_infinity_are_left_out() -> None:
     edges = far.study(points, far.reference_pose).ways[0].edges
     assert np.isfinite(edges.points).all()
     assert np.abs(edges.points).max() < 1e5
+
+
+def test_an_edge_painter_works_in_the_canonical_frame_of_the_pose_of_the_points() -> None:
+    """A painter that knows the answer, in place of the paper's trained network."""
+    painted = ManipulationBench(sample_model(), bench().camera, bench().reference_pose)
+    seen = []
+
+    class Painter:
+        def generate(self, view: View, control_points: np.ndarray) -> GeneratedEdges:
+            seen.append(view)
+            return painted.true_edges(view.pose(control_points))
+
+    painted._painter = Painter()
+    pose = moved((0.0, 8.0, 0.0))
+    study = painted.study(painted.points_at(pose), pose)
+    (way,) = [way for way in study.ways if way.name == "t(I) auto-encoder"]
+    assert not way.is_rigid
+    assert way.distance.symmetric < 1e-3
+    # The canonical frame's homography takes the canonical control points to I, exact at any depth.
+    (view,) = seen
+    canonical = view.canonical.project(view.points_obj)
+    np.testing.assert_allclose(apply_homography(view.image_H_canonical, canonical), painted.points_at(pose), atol=1e-6)
 
 
 def test_folded_points_are_refused() -> None:

@@ -46,6 +46,9 @@ def run_notebook(course_files: Path, tmp_path: Path) -> Run:
             kernel_name="python3",
             resources={"metadata": {"path": str(folder)}},
         )
+        # nbclient stands in for output widgets by writing to the very socket on which it waits for the cell's reply; a
+        # reply that arrives just then goes unnoticed until the time is up. Without it, their output lands in the cell.
+        client.widget_registry.clear()
         return client.execute(env=environment)
 
     return run

@@ -87,9 +87,7 @@ class LossLandscape(ipywidgets.VBox):
         self.reach = ipywidgets.FloatSlider(1.0, min=0.25, max=3.0, step=0.25, description="reach ×", **look)
         self.reach.continuous_update = False
         forms = {"printed (eq. 6)" if form == "printed" else form: form for form in LOSS_FORMS}
-        self.form = ipywidgets.Dropdown(
-            options={**forms, BCE: BCE}, value="geman-mcclure", description="form", **look
-        )
+        self.form = ipywidgets.Dropdown(options={**forms, BCE: BCE}, value="geman-mcclure", description="form", **look)
         alpha = round(self.surface.alpha_px, 1)
         self.alpha = ipywidgets.FloatSlider(alpha, min=1.0, max=40.0, step=0.5, description="α [px]", **look)
         self.anneal = ipywidgets.Checkbox(False, description="anneal: α, α/2, α/4", indent=False)

@@ -129,4 +129,3 @@ def _view_around(points: FloatArray) -> tuple[float, float, float, float]:
     size = ROOM * np.maximum(high - low, 20.0)
     x, y = 0.5 * (low + high) - 0.5 * size
     return float(x), float(y), float(size[0]), float(size[1])
-
