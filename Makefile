@@ -35,7 +35,7 @@ test: lint types ## everything that CI runs: lint, types, all tests
 	"$(BIN)/python" -m pytest
 
 test-fast: $(DEV_STAMP) ## the tests that take under 3 minutes together
-	"$(BIN)/python" -m pytest -m "not slow"
+	"$(BIN)/python" -m pytest -m "not slow and not browser"
 
 lint: $(DEV_STAMP) ## ruff
 	"$(BIN)/python" -m ruff check .
@@ -61,7 +61,7 @@ install: $(RUN_STAMP) ## make the environment, to use acp_lab
 install-dev: $(DEV_STAMP) ## make the environment, to work on acp_lab
 
 clean: ## remove what tests, builds and the demo left behind; keeps the environment
-	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis acp_lab_demo
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis acp_lab_demo notebooks/course_files
 	find . -name __pycache__ -type d -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 clean-all: clean ## remove the environment too

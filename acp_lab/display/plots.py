@@ -69,6 +69,7 @@ def draw_frame(axes: Axes, image: ByteImage, results: Sequence[TrackResult], tit
     _cut_to(axes, np.vstack(seen) if seen else None, image.shape[1], image.shape[0])
     axes.set_xticks([])
     axes.set_yticks([])
+    axes.spines[:].set_visible(False)
     axes.set_title(title, fontsize=9)
 
 

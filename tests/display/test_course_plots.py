@@ -1,182 +1,126 @@
-"""What the notebooks draw: that the right things land at the right places of the axes."""
+"""The pictures of the notebooks: what is drawn where, in which colour, from made-up studies."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
-from acp_lab.display import look
-from acp_lab.display.accuracy_plots import LARGEST_SHOWN_PERCENT, draw_errors, draw_recall, draw_table
-from acp_lab.display.mesh_lines import MeshLines, draw_projected
-from acp_lab.display.pictures import cut_to, draw_dots, draw_edges, draw_quad, panels, show_image
-from acp_lab.display.scene_3d import (
-    draw_camera,
-    draw_lines,
-    draw_on_image_plane,
-    draw_plane_points,
-    draw_rays,
-    draw_samples,
-    same_scale,
-    space,
-)
-from acp_lab.display.search_plots import draw_finding, draw_profile, profile
-from acp_lab.errors import GeometryError
-from acp_lab.evaluation.edge_finding import RULES, FindingStudy
-from acp_lab.evaluation.metrics import FrameErrors
-from acp_lab.evaluation.paper_tables import MethodRow, Table
-from acp_lab.evaluation.true_edges import TrueEdges
-from acp_lab.geometry.camera import Camera
-from acp_lab.tracking.image_edges import image_patch
-from tests.made_parts import box, looking_at
+from acp_lab.control_points.view_regions import sphere_directions
+from acp_lab.display.look import GENERATED, POINTS, TRUTH
+from acp_lab.display.loss_plots import draw_erased, draw_found, draw_landscape, draw_losses, draw_printed
+from acp_lab.display.manipulation_plots import draw_growth, draw_ways
+from acp_lab.display.point_motion_plots import draw_descents, draw_directions, draw_drifts
+from acp_lab.display.region_plots import REGION_COLOURS, draw_box, draw_moved, draw_regions, draw_residuals, draw_tilts
+from acp_lab.evaluation.landscape import POSE_COORDINATES, Descent, LossSlice
+from acp_lab.evaluation.loss_study import LossStudy
+from acp_lab.evaluation.manipulation import Manipulated, ManipulationStudy
+from acp_lab.evaluation.redundancy import Drift
+from acp_lab.generator.base import GeneratedEdges
+from acp_lab.imaging.chamfer import Chamfer
+from tests.made_parts import bracket
 
-CAMERA = Camera(200, 160, 320.0, 320.0, 99.5, 79.5)
+QUAD = np.array([[10.0, 10.0], [60.0, 12.0], [62.0, 50.0], [8.0, 48.0]])
 
 
-@pytest.fixture(autouse=True)
-def no_window() -> Iterator[None]:
-    """Draw without a display, and leave no figure behind."""
-    before = mpl.get_backend()
-    mpl.use("agg")
-    import matplotlib.pyplot as plt
-
-    yield
-    plt.close("all")
-    mpl.use(before)
+def axes_of(count: int = 1, projection: str | None = None):  # type: ignore[no-untyped-def]
+    figure = Figure()
+    return [figure.add_subplot(1, count, i + 1, projection=projection) for i in range(count)]
 
 
-def lines_of(axes):  # type: ignore[no-untyped-def]
-    return [np.column_stack(line.get_data()) for line in axes.lines]
+def test_losses_end_at_their_largest_value_and_mark_alpha() -> None:
+    value, pull = axes_of(2)
+    draw_losses(value, pull, ("tukey", "geman-mcclure"), 8.0)
+    curves = [line.get_ydata() for line in value.lines if line.get_label() in ("tukey", "geman-mcclure")]
+    assert [max(curve) for curve in curves] == pytest.approx([1.0, 1.0])
+    assert any(list(line.get_xdata()) == [8.0, 8.0] for line in pull.lines)
 
 
-def test_the_look_is_white_and_its_meanings_differ() -> None:
-    with mpl.rc_context():
-        look.use_look()
-        assert mpl.rcParams["savefig.facecolor"] == "white"
-        assert mpl.rcParams["figure.constrained_layout.use"]
-    meanings = (look.TRUTH, look.GENERATED, look.IMAGE, look.POINTS, look.START, look.WRONG, look.UNKNOWN)
-    assert len(set(meanings)) == len(meanings)
-    assert look.css_colour("right") == "#009e73"
+def test_the_printed_form_has_two_branches() -> None:
+    (axes,) = axes_of()
+    draw_printed(axes, 8.0)
+    below, above = axes.lines[:2]
+    assert min(below.get_ydata()) >= 1.0 - 1e-3
+    assert max(above.get_ydata()) < 0.0
+    assert max(below.get_xdata()) < 8.0 < min(above.get_xdata())
 
 
-def test_panels_and_images_are_cut_to_what_matters() -> None:
-    first, second, third, fourth = panels(2, 2, titles=("one", "two"))
-    assert (first.get_title(), second.get_title(), third.get_title()) == ("one", "two", "")
-    points = [[50.0, 40.0], [np.nan, 1.0], [90.0, 60.0]]
-    show_image(first, np.zeros((160, 200, 3), np.uint8), around=points, margin_px=5)
-    assert first.get_xlim() == (45.0, 95.0)
-    assert first.get_ylim() == (65.0, 35.0)
-    show_image(fourth, np.zeros((160, 200)))
-    assert fourth.get_xlim() == (-0.5, 199.5)
-    with pytest.raises(GeometryError, match="at least one that is finite"):
-        cut_to(first, [[np.nan, 1.0]])
+def test_landscape_marks_the_lowest_value_and_the_ways() -> None:
+    u, v = POSE_COORDINATES[3], POSE_COORDINATES[1]
+    offsets = np.linspace(-4.0, 4.0, 9)
+    distances = np.hypot(offsets[None] - 2.0, offsets[:, None] + 1.0)[..., None]
+    over = LossSlice(u, v, offsets, offsets, distances, np.ones(1))
+    way = np.zeros((2, 6))
+    way[0, u.index], way[0, v.index] = 3.0, 2.0 * v.unit_step
+    (axes,) = axes_of()
+    draw_landscape(axes, over, "geman-mcclure", 5.0, {"fixed": Descent(way, np.zeros(2))})
+    lines = {line.get_label(): np.column_stack(line.get_data()) for line in axes.lines}
+    np.testing.assert_allclose(lines["lowest value"], [[2.0, -1.0]])
+    np.testing.assert_allclose(lines["fixed"], [[3.0, 2.0], [0.0, 0.0]])
+    assert axes.get_xlabel() == "shift along x [mm]"
 
 
-def test_edges_dots_and_quads_are_where_they_belong() -> None:
-    (axes,) = panels(1)
-    truth = TrueEdges(box((30.0, 30.0, 30.0)))
-    edges = truth.at(looking_at(truth.part, np.array([1.0, 0.7, 0.8]), 300.0), CAMERA)
-    draw_edges(axes, edges, look.TRUTH, "edges")
-    (strokes,) = axes.collections
-    segments = np.array(strokes.get_segments())
-    np.testing.assert_allclose(segments.mean(1), edges.points, atol=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1), 3.0)
-    draw_dots(axes, [[1.0, 2.0]], look.IMAGE)
-    quad = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
-    draw_quad(axes, quad)
-    dots, ring = lines_of(axes)
-    np.testing.assert_array_equal(dots, [[1.0, 2.0]])
-    np.testing.assert_array_equal(ring, [*quad, quad[0]])
-    assert [text.get_text() for text in axes.texts] == ["1", "2", "3", "4"]
+def test_studies_of_losses() -> None:
+    errors = np.array([[[0.01, 0.03], [0.04, 0.06]], [[0.05, 0.05], [0.5, 0.7]]])
+    study = LossStudy(("tight", "wide"), (0.0, 0.4), errors, 0.02)
+    curves, bars = axes_of(2)
+    draw_erased(curves, study)
+    np.testing.assert_allclose(curves.lines[0].get_data(), ([0.0, 40.0], [2.0, 5.0]))
+    draw_found(bars, {"near": study, "far": study})
+    assert [bar.get_width() for bar in bars.patches] == pytest.approx([0.5, 0.0, 0.5, 0.0])
+    assert [label.get_text() for label in bars.get_yticklabels()] == ["tight", "wide"]
 
 
-def test_the_camera_pyramid_has_the_image_as_its_base() -> None:
-    axes = space()
-    part = box()
-    pose = looking_at(part, np.array([1.0, 0.5, 0.7]), 300.0)
-    corners = draw_camera(axes, CAMERA, pose, image_depth_mm=100.0)
-    eye, base = corners[0], corners[1:]
-    np.testing.assert_allclose(np.linalg.norm(eye - part.box_centre), 300.0)
-    axis = (part.box_centre - eye) / 300.0
-    np.testing.assert_allclose((base - eye) @ axis, 100.0, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(base[1] - base[0]), 100.0 * 200 / 320.0)
-    middle = np.array([[99.5, 79.5]])
-    draw_on_image_plane(axes, CAMERA, pose, middle, 100.0, look.IMAGE)
-    np.testing.assert_allclose(np.ravel(axes.lines[-1].get_data_3d()), eye + 100.0 * axis, atol=1e-9)
-    truth = TrueEdges(part)
-    draw_samples(axes, truth.edges, np.arange(5))
-    draw_plane_points(axes, part.vertices[:4])
-    draw_rays(axes, pose, part.vertices[:4])
-    draw_lines(axes, np.stack([part.vertices[:2], part.vertices[2:4]], 1), look.TRUTH)
-    same_scale(axes, np.vstack([corners, part.vertices]))
-    extent = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
-    assert (extent[:, 0] < corners.min(0)).all()
-    assert (extent[:, 1] > corners.max(0)).all()
+def test_directions_and_drifts_and_descents() -> None:
+    quad, misfit, error, descent = axes_of(4)
+    draw_directions(quad, QUAD, np.arange(8.0))
+    np.testing.assert_allclose(np.column_stack(quad.lines[1].get_data())[:4], QUAD + np.arange(8.0).reshape(4, 2))
+    one = Drift(np.arange(3), np.array([0.0, 2.0, 4.0]), np.array([0.01, 0.05, 0.8]))
+    draw_drifts(misfit, error, {"carried": one})
+    np.testing.assert_allclose(misfit.lines[0].get_ydata(), [0.0, 2.0, 4.0])
+    np.testing.assert_allclose(error.lines[0].get_ydata(), [1.0, 5.0, 10.0])
+    draw_descents(descent, {"pose": np.full(13, 0.03)}, 4)
+    dotted = [line.get_xdata()[0] for line in descent.lines if line.get_linestyle() == ":"]
+    assert dotted == [4.5, 8.5]
 
 
-def test_mesh_lines_of_a_box() -> None:
-    lines = MeshLines.of(box())
-    assert len(lines.sharper_than(45.0)) == 12
-    assert len(lines.sharper_than(-1.0)) == 18, "with one diagonal per side"
-    (axes,) = panels(1)
-    pose = looking_at(box(), np.array([1.0, 0.7, 0.8]), 300.0)
-    draw_projected(axes, lines.sharper_than(45.0), CAMERA, pose)
-    (drawn,) = axes.collections
-    assert len(drawn.get_segments()) == 12
+def test_regions_have_their_colours_and_only_the_near_side_is_drawn() -> None:
+    (axes,) = axes_of(projection="3d")
+    axes.view_init(elev=90.0, azim=0.0)
+    directions = sphere_directions(300)
+    draw_regions(axes, bracket(), directions)
+    drawn = {line.get_label(): line for line in axes.lines}
+    assert to_rgb(drawn["+z"].get_color()) == pytest.approx(REGION_COLOURS[4])
+    assert len(drawn["-z"].get_data_3d()[0]) == 0
+    assert sum(len(line.get_data_3d()[0]) for line in axes.lines) == (directions[:, 2] > 0.0).sum()
+    draw_box(axes, bracket())
+    assert len(axes.collections[-1]._segments3d) == 12
 
 
-def test_a_profile_reads_the_image_along_the_normal() -> None:
-    image = np.full((60, 80, 3), 50, np.uint8)
-    image[:, 40:] = 150
-    patch = image_patch(image, (10, 5, 80, 60), 1.0)
-    steps = np.array([-10.0, -0.5, 9.0])
-    grey, gradient = profile(patch, np.array([40.0, 30.0]), np.array([1.0, 0.0]), steps)
-    np.testing.assert_allclose(grey, [50.0, 100.0, 150.0], atol=1.5)
-    assert np.argmax(gradient) == 1
-    (axes,) = panels(1)
-    draw_profile(axes, patch, np.array([42.0, 30.0]), np.array([1.0, 0.0]), 8, way_px=-2.5)
-    labels = axes.get_legend_handles_labels()[1]
-    assert labels == ["grey level", "10 x gradient [levels/px]", "candidates", "generated edge point", "its true place"]
-    (candidate,) = [line for line in axes.lines if line.get_label() == "candidates"]
-    assert candidate.get_xdata()[0] == pytest.approx(-2.5, abs=0.1)
+def test_tilts_moved_points_and_residuals() -> None:
+    tilt, moved, bars = axes_of(3)
+    values = np.add.outer(np.arange(5.0), np.arange(5.0))
+    assert draw_tilts(tilt, np.linspace(-0.5, 0.5, 5), values, np.array([[0.0, 0.0], [0.2, -0.1]])) is not None
+    np.testing.assert_allclose(tilt.lines[1].get_data(), ([0.0, 0.2], [0.0, -0.1]))
+    draw_moved(moved, QUAD, np.array([0.0, 1.0, 3.0, 9.0]))
+    colours = moved.collections[0].get_facecolors()
+    np.testing.assert_allclose(colours[2], colours[3])
+    assert (colours[0] != colours[2]).any()
+    draw_residuals(bars, {"edges move": (1.0, 4.0), "unexplained": (0.9, 0.2)}, ("1°", "4 mm"))
+    assert [bar.get_width() for bar in bars.patches] == [1.0, 4.0, 0.9, 0.2]
 
 
-def test_shares_of_the_rules_as_bars() -> None:
-    (axes,) = panels(1)
-    shares = (0.1, 0.2, 0.3, 0.4, 0.5)
-    draw_finding(axes, {"a": FindingStudy(RULES, shares, 3.0, 2), "b": FindingStudy(RULES, shares, 4.0, 2)})
-    assert [bar.get_width() for bar in axes.patches] == [*shares, *shares]
-    assert [text.get_text() for text in axes.get_yticklabels()] == list(RULES)
-
-
-def errors(*percent: float) -> FrameErrors:
-    values = np.array(percent) / 100.0
-    return FrameErrors(tuple(range(len(values))), values, values, values, values)
-
-
-def test_errors_and_recall() -> None:
-    left, right = panels(2)
-    runs = {"good": errors(1.0, 1.0, 3.0, 4.0), "bad": errors(1.0, 50.0, np.inf, 300.0)}
-    draw_errors(left, runs)
-    good, bad = lines_of(left)[:2]
-    np.testing.assert_allclose(good[:, 1], [1.0, 1.0, 3.0, 4.0])
-    np.testing.assert_allclose(bad[:, 1], [1.0, 50.0, LARGEST_SHOWN_PERCENT, LARGEST_SHOWN_PERCENT])
-    draw_recall(right, runs)
-    limits, share = lines_of(right)[0].T
-    assert share[limits == 2.0] == 0.5
-    assert share[limits > 4.0].min() == 1.0
-    assert share[0] == 0.0
-    # One minus the mean error over the limit: (9 + 9 + 7 + 6) / 40.
-    area = float(right.get_legend_handles_labels()[1][0].removeprefix("good: AUC "))
-    assert area == pytest.approx(31.0 / 40.0, abs=0.006)
-
-
-def test_tables_as_dots() -> None:
-    (axes,) = panels(1)
-    draw_table(axes, Table("made", ("a", "b"), (MethodRow("x", (0.2, 0.4), (0.5, 0.7)),)), "a title")
-    bar, near, far = lines_of(axes)[:3]
-    np.testing.assert_allclose(bar[:, 0], [0.3, 0.6])
-    np.testing.assert_allclose([near[0, 0], far[0, 0]], [0.3, 0.6])
-    assert axes.get_title() == "a title"
+def test_ways_of_manipulating() -> None:
+    edges = GeneratedEdges(QUAD, np.tile([1.0, 0.0], (4, 1)), np.ones(4), np.arange(4))
+    ways = (Manipulated("homography", False, edges, Chamfer(1.0, 2.0)), Manipulated("t(I)", True, edges, None))
+    axes = axes_of(2)
+    draw_ways(axes, ManipulationStudy(np.eye(4), 0.0, edges, ways), QUAD)
+    assert [axis.get_title() for axis in axes] == ["homography\nChamfer 1.50 px", "t(I)\nno edges"]
+    colours = [tuple(lines.get_color()[0][:3]) for lines in axes[0].collections]
+    assert colours == [pytest.approx(TRUTH), pytest.approx(GENERATED)]
+    assert to_rgb(axes[0].lines[0].get_color()) == pytest.approx(POINTS)
+    (growth,) = axes_of()
+    draw_growth(growth, np.arange(3.0), {"homography": [0.0, 1.0, 2.0]}, "turn [°]")
+    np.testing.assert_allclose(growth.lines[0].get_ydata(), [0.0, 1.0, 2.0])
+    assert growth.get_xlabel() == "turn [°]"
