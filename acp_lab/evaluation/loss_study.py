@@ -43,7 +43,8 @@ class LossChoice:
 
 @dataclass(frozen=True)
 class LossStudyConfig:
-    """turn_deg, shift_mm: how far the starts are off; trials: random directions per frame; steps: per level."""
+    """turn_deg, shift_mm: how far the starts are off; trials: random directions per frame; steps: per level; limit:
+    share of the diameter below which ADD counts as found."""
 
     turn_deg: float = 2.0
     shift_mm: float = 2.0

@@ -17,7 +17,7 @@ NONE = LossChoice("no threshold", "geman-mcclure", (1e4, 1e4))
 
 def test_a_threshold_helps_on_a_real_frame() -> None:
     frame, pose = sample_scene().frame(20), sample_scene().truth(20, 1)
-    config = LossStudyConfig(turn_deg=1.0, shift_mm=1.0, trials=2)
+    config = LossStudyConfig(turn_deg=1.0, shift_mm=1.0, trials=2, limit=0.03)
     study = loss_study(sample_model(), [frame], [pose], [NARROW, NONE], (0.0, 0.3), config)
     assert study.errors.shape == (2, 2, 2)
     assert study.median[0, 0] < study.limit < study.median[1, 0]
