@@ -48,9 +48,9 @@ class AutoencoderConfig:
 
     images: EdgeImageConfig = field(default_factory=EdgeImageConfig)
     shape: NetworkShape = field(default_factory=NetworkShape)
-    autoencoder_epochs: int = 16
+    autoencoder_epochs: int = 20
     latent_epochs: int = 12
-    fine_tune_epochs: int = 20
+    fine_tune_epochs: int = 24
     second_epochs: int = 40
     autoencoder_rate: float = 4e-2
     latent_rate: float = 2e-2

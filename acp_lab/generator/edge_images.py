@@ -55,7 +55,7 @@ class EdgeImageConfig:
         size: side of the canonical image, px.
         source: "analytic" edges of the mesh, or "normals" through Canny.
         views: for training; held_out: further ones for the report.
-        overlap: share by which a region reaches into its neighbours.
+        overlap: share by which a region reaches into its neighbours: the tracker stays up to 15% (`HYSTERESIS`).
         nearest, farthest: distances of the eye in diameters, sampled evenly in 1/distance.
         roll_deg, shift_px, scale: largest jitter of the virtual camera, each way (5%: 0.05).
         line_sigma_px: Gaussian width of a drawn edge.
@@ -67,7 +67,7 @@ class EdgeImageConfig:
     source: Source = "analytic"
     views: int = 1000
     held_out: int = 100
-    overlap: float = 0.3
+    overlap: float = 0.2
     nearest: float = 1.5
     farthest: float = 12.0
     roll_deg: float = 5.0
