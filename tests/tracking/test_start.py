@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,11 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking import start as start_module
 from acp_lab.tracking.contour_offsets import OUTLINE_SHARE_OF_BREAK
+from acp_lab.tracking.optimiser import centre_position
+from acp_lab.tracking.start import StartConfig
+from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import CAMERA, add_percent, draw, poses, prepared
@@ -79,3 +85,31 @@ def test_the_prior_stands_in_where_the_start_is_not_trusted(part: Part, model: P
     assert off[0] > 3.0
     assert off[1] < 2.5
     assert off[1] < 0.6 * off[0]
+
+
+@pytest.mark.parametrize(
+    ("farther", "ratio", "trusted"),
+    [(0.015, 0.92, True), (0.015, 0.88, False), (0.03, 0.98, True), (0.03, 0.95, False), (0.045, 1.0, False)],
+)
+def test_equal_agreement_lets_the_solved_pose_lie_further_away(
+    part: Part,
+    model: PreparedPart,
+    monkeypatch: pytest.MonkeyPatch,
+    farther: float,
+    ratio: float,
+    trusted: bool,
+) -> None:
+    pose = looking_at(part, np.array(WAYS["above"]), 330.0, 0.3)
+    tracker, frame = Tracker(model), first_frame(part, pose)
+    tracker.start(frame, pose)
+    centre = centre_position(pose, part.box_centre)
+    away = pose.copy()
+    away[:3, 3] += farther * centre  # along the line of sight: the part appears smaller by that share
+    patch = tracker.aligner.patch(frame.image, CAMERA, pose, 30.0)
+    assert patch is not None
+    solved = tracker.aligner.align(patch, CAMERA, pose, 4, Stopwatch())
+    assert solved is not None
+    agreements = iter((0.6 * ratio, 0.6))
+    monkeypatch.setattr(start_module, "agreement", lambda *_: next(agreements))
+    moved = replace(solved, cam_T_obj=away)
+    assert start_module.is_trusted(tracker.aligner, patch, CAMERA, pose, moved, 4, StartConfig()) is trusted
