@@ -29,14 +29,19 @@ from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.sequences.calibration import (
+    DICTIONARIES,
+    Board,
+    CharucoBoard,
+    Chessboard,
+    board_images,
+    calibrate,
+)
 from acp_lab.sequences.frame import Frame
-from acp_lab.sequences.image_file import IMAGE_SUFFIXES, read_rgb
 from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, first_size
 from acp_lab.sequences.json_file import read_pose, write_json
 from acp_lab.sequences.pixel_coding import BAYER_CODES, PixelCoding
-from data_recipes.archives import natural
 from data_recipes.bop_writer import new_dataset, write_image, write_models, write_scene
-from data_recipes.calibration import DICTIONARIES, Board, CharucoBoard, Chessboard, calibrate
 from data_recipes.command import Parser, count, note, pair, positive, run, warn
 from data_recipes.convert import camera_of, check_apart
 from data_recipes.meshes import UNITS_MM, load_mesh, model_of
@@ -92,7 +97,7 @@ def _camera(args: argparse.Namespace) -> Camera:
         board = CharucoBoard(columns, rows, args.square_mm, marker_mm, args.dictionary)
         if args.marker_mm is None:
             note(f"--marker-mm not given: {0.75 * args.square_mm:g} mm taken, three quarters of a square")
-    found = calibrate(board, _views(args.views, args.every_view), str(args.views))
+    found = calibrate(board, board_images(args.views, args.every_view), str(args.views))
     print(found)
     for warning in found.warnings:
         warn(warning)
@@ -108,20 +113,6 @@ def _camera_of_numbers(args: argparse.Namespace) -> Camera:
         return Camera(width, height, camera.fx, camera.fy, camera.cx, camera.cy, tuple(dist) or (0.0,) * 5)
     except GeometryError as error:
         raise InputFileError(f"{where}: {error}") from None
-
-
-def _views(path: Path, every: int) -> Iterator[ByteImage]:
-    """The pictures of a board: every image of a folder, or every so many frames of a video."""
-    if path.is_dir():
-        files = sorted((p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES), key=natural)
-        yield from (read_rgb(file, PixelCoding.beside(path)) for file in files)
-        return
-    size = first_size(str(path), None)
-    # What lens it was is still to be found: frames as they are.
-    plain = Camera(*size, 1.0, 1.0, 0.0, 0.0)
-    for frame in VideoFile(path, plain).frames():
-        if isinstance(frame, Frame) and frame.index % every == 0:
-            yield frame.image
 
 
 def _frames(args: argparse.Namespace, camera: Camera) -> Iterator[ByteImage]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from acp_lab.sequences.bop import BopDataset, BopScene, open_sequence
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, open_images
-from acp_lab.sequences.json_file import read_pose
+from acp_lab.sequences.json_file import read_pose, write_pose
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, read_results, start_poses
@@ -27,4 +27,5 @@ __all__ = [
     "read_pose",
     "read_results",
     "start_poses",
+    "write_pose",
 ]

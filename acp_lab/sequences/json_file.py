@@ -1,4 +1,4 @@
-"""Reading the small JSON files around a sequence, with errors that name file, value and mend.
+"""Reading and writing the small JSON files around a sequence, with errors that name file, value and mend.
 
 Convention: poses are told in BOP's words, `cam_R_m2c` (nine numbers, row by row) and `cam_t_m2c` (mm), which
 are the rotation and translation of cam_T_obj.
@@ -78,6 +78,12 @@ def read_pose(path: str | Path) -> FloatArray:
     file."""
     path = Path(path)
     return pose_of(read_json_object(path, f"write the start pose as {_POSE_EXAMPLE}"), f"{path}: the pose")
+
+
+def write_pose(path: str | Path, cam_T_obj: FloatArray) -> None:
+    """Write a pose (4, 4), mm, as the POSE.json that `read_pose` reads; InputFileError when that cannot be."""
+    values = {"cam_R_m2c": cam_T_obj[:3, :3].ravel().tolist(), "cam_t_m2c": cam_T_obj[:3, 3].tolist()}
+    write_json(path, values)
 
 
 def write_json(path: str | Path, values: Mapping[str, Any]) -> None:

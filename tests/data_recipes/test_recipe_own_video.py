@@ -14,7 +14,7 @@ import trimesh
 from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.sequences import BopDataset, Frame, VideoFile, read_pose
 from data_recipes.own_video import main
-from tests.data_recipes.board_pictures import SQUARE_MM, chessboard_print, pictures
+from tests.board_pictures import SQUARE_MM, chessboard_print, pictures
 from tests.data_recipes.fake_downloads import HEIGHT, WIDTH, pose_entry, tiny_views, write_image
 
 LENS = (-0.3, 0.1, 0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import InputFileError
-from acp_lab.sequences.json_file import read_json_object, read_pose, write_json
+from acp_lab.sequences.json_file import read_json_object, read_pose, write_json, write_pose
 from tests.sequences.tiny_dataset import pose, pose_entry
 
 IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
@@ -19,6 +19,8 @@ def test_a_pose_reads_back(tmp_path: Path) -> None:
     path = tmp_path / "POSE.json"
     path.write_text(json.dumps(pose_entry(pose(3))))
     np.testing.assert_allclose(read_pose(path), pose(3), atol=1e-12)
+    write_pose(tmp_path / "again.json", pose(3))
+    np.testing.assert_allclose(read_pose(tmp_path / "again.json"), pose(3), atol=1e-12)
 
 
 @pytest.mark.parametrize(

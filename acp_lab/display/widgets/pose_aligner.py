@@ -30,7 +30,7 @@ from acp_lab.geometry.planar_pnp import PlanarPnP, solve_planar_pnp
 from acp_lab.geometry.pose import make_pose, rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.sequences.json_file import write_json
+from acp_lab.sequences.json_file import write_pose
 from acp_lab.tracking.optimiser import centre_position, move_pose
 from acp_lab.tracking.snap import SnapResult, snap
 
@@ -110,8 +110,7 @@ class PoseAligner(ipywidgets.VBox):
 
     def save(self, path: str | Path) -> None:
         """Write the pose as POSE.json; InputFileError when the place cannot be written."""
-        pose = self.cam_T_obj
-        write_json(path, {"cam_R_m2c": pose[:3, :3].ravel().tolist(), "cam_t_m2c": pose[:3, 3].tolist()})
+        write_pose(path, self.cam_T_obj)
 
     def turn(self, turn_deg: Turn, depth_factor: float = 1.0) -> None:
         """Turn the part about its centre (deg, camera axes) and move it away; the control points may change."""

@@ -10,7 +10,7 @@ import numpy as np
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import so3_exp
-from data_recipes.calibration import CharucoBoard
+from acp_lab.sequences.calibration import CharucoBoard
 
 PX_PER_MM = 6
 SQUARE_MM = 20.0

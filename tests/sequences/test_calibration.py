@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import ByteImage
-from data_recipes.calibration import Board, BoardView, Calibration, CharucoBoard, Chessboard, calibrate
-from tests.data_recipes.board_pictures import (
+from acp_lab.sequences.calibration import (
+    Board,
+    BoardView,
+    Calibration,
+    CharucoBoard,
+    Chessboard,
+    board_images,
+    calibrate,
+)
+from tests.board_pictures import (
     CAMERA,
     PX_PER_MM,
     SQUARE_MM,
@@ -108,3 +119,25 @@ def test_pictures_without_the_board_are_refused() -> None:
 def test_boards_that_cannot_be(columns: int, rows: int, marker_mm: float, word: str) -> None:
     with pytest.raises(InputFileError, match=word):
         CharucoBoard(columns, rows, SQUARE_MM, marker_mm, "4X4_50")
+
+
+def test_pictures_of_a_board_come_from_a_folder_or_a_video(tmp_path: Path) -> None:
+    images = pictures(chessboard_print(7, 5), 3)
+    folder = tmp_path / "boards"
+    folder.mkdir()
+    for number, image in enumerate(images, start=9):  # 10 comes after 9, although not as text
+        cv2.imwrite(str(folder / f"board{number}.png"), image)
+    (folder / "notes.txt").write_text("no picture")
+    for read, image in zip(board_images(folder), images, strict=True):
+        np.testing.assert_array_equal(read, image)
+    height, width = images[0].shape[:2]
+    video = cv2.VideoWriter(str(tmp_path / "boards.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (width, height))
+    for image in (image for image in images for _ in range(4)):
+        video.write(image)
+    video.release()
+    seen = list(board_images(tmp_path / "boards.avi", every=4))
+    assert len(seen) == 3
+    for read, image in zip(seen, images, strict=True):
+        assert np.abs(read.astype(float) - image).mean() < 3.0
+    with pytest.raises(InputFileError, match="no such video"):
+        list(board_images(tmp_path / "nothing.mp4"))

@@ -8,8 +8,9 @@ Source: OpenCV's calib3d (Zhang, "A flexible new technique for camera calibratio
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import cv2
@@ -18,6 +19,10 @@ import numpy as np
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.image_file import read_rgb
+from acp_lab.sequences.images import ImageFolder, VideoFile, first_size
+from acp_lab.sequences.pixel_coding import PixelCoding
 
 MIN_VIEWS = 3
 GOOD_VIEWS = 10
@@ -78,7 +83,7 @@ class CharucoBoard:
         if columns < 2 or rows < 2 or columns * rows // 2 > len(markers.bytesList):
             raise InputFileError(
                 f"a board of {columns}x{rows} squares does not go with {dictionary}: count its squares, or give "
-                "another --dictionary"
+                "another dictionary"
             )
         self.board = cv2.aruco.CharucoBoard((columns, rows), square_mm, marker_mm, markers)
         self._detector = cv2.aruco.CharucoDetector(self.board)
@@ -167,6 +172,23 @@ def calibrate(board: Board, images: Iterable[ByteImage], source: str) -> Calibra
             "board's numbers (a chessboard counts inner corners, ChArUco squares) and take sharper pictures"
         )
     return _solve(views, size)
+
+
+def board_images(path: str | Path, every: int = 15) -> Iterator[ByteImage]:
+    """The pictures of a board: every image of a folder, or every so many frames of a video, (h, w, 3) RGB.
+
+    Raises InputFileError for what cannot be read, SequenceError for a folder without images.
+    """
+    path = Path(path)
+    # What lens it was is still to be found: frames as they are.
+    plain = Camera(*first_size(path), 1.0, 1.0, 0.0, 0.0)
+    if path.is_dir():
+        coding = PixelCoding.beside(path)
+        yield from (read_rgb(file, coding) for file in ImageFolder(path, plain).image_paths)
+        return
+    for frame in VideoFile(path, plain).frames():
+        if isinstance(frame, Frame) and frame.index % every == 0:
+            yield frame.image
 
 
 def _solve(views: Sequence[BoardView], size: tuple[int, int]) -> Calibration:
