@@ -23,11 +23,14 @@ if TYPE_CHECKING:
     from acp_lab.display.explain_plot import explain
     from acp_lab.display.replay import Replay
     from acp_lab.display.viewer import show
+    from acp_lab.display.widgets import PoseAligner
     from acp_lab.evaluation import evaluate
     from acp_lab.geometry.camera import Camera
     from acp_lab.preparation import prepare
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences import open_sequence
+    from acp_lab.tracking.results_file import ResultsFile
+    from acp_lab.tracking.snap import snap
     from acp_lab.tracking.tracker import Tracker
 
 __version__ = "0.1.0"
@@ -36,8 +39,10 @@ __all__ = [
     "AcpLabError",
     "Camera",
     "Part",
+    "PoseAligner",
     "PreparedPart",
     "Replay",
+    "ResultsFile",
     "Tracker",
     "__version__",
     "evaluate",
@@ -45,19 +50,23 @@ __all__ = [
     "open_sequence",
     "prepare",
     "show",
+    "snap",
 ]
 
 _HOME = {
     "Camera": "acp_lab.geometry.camera",
     "Part": "acp_lab.cad.part",
+    "PoseAligner": "acp_lab.display.widgets",
     "PreparedPart": "acp_lab.prepared_part",
     "Replay": "acp_lab.display.replay",
+    "ResultsFile": "acp_lab.tracking.results_file",
     "Tracker": "acp_lab.tracking.tracker",
     "evaluate": "acp_lab.evaluation",
     "explain": "acp_lab.display.explain_plot",
     "open_sequence": "acp_lab.sequences",
     "prepare": "acp_lab.preparation",
     "show": "acp_lab.display.viewer",
+    "snap": "acp_lab.tracking.snap",
 }
 
 

@@ -18,50 +18,26 @@ from acp_lab.commands.methods import Method
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
 from acp_lab.tracking.observer import Observer, SessionInfo, TrackResult
+from acp_lab.tracking.results_file import ResultsFile
 from acp_lab.tracking.session import track_sequence
 
 
-class ResultsObserver:
-    """Writes a row per frame and object as soon as it is known.
-
-    The files are replaced when the first frame has been tracked, not before: a start pose may still turn out
-    to be wrong. `info` becomes results.run.json, then and again by `finish`.
-    """
+class ResultsObserver(ResultsFile):
+    """One file for all scenes; `info`, which goes on filling, becomes results.run.json, then and again by `finish`."""
 
     def __init__(self, path: Path, info: dict[str, Any]) -> None:
-        self._path = path
+        super().__init__(path, info)
         self._info = info
-        self._writer: ResultsWriter | None = None
-        self._scene_id = 0
-
-    def on_start(self, session: SessionInfo) -> None:
-        self._scene_id = session.scene_id
-
-    def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
-        if self._writer is None:
-            self._writer = ResultsWriter(self._path, self._info)
-        for object_id, result in sorted(results.items()):
-            self._writer.append(
-                ResultRow(
-                    self._scene_id,
-                    result.frame_id,
-                    object_id,
-                    result.quality,
-                    result.cam_T_obj,
-                    result.timings.total_s,
-                )
-            )
 
     def on_end(self) -> None:
-        pass
+        """Stay open for the next scene."""
 
     def finish(self) -> None:
         """Write what `info` holds by now, and close."""
         if self._writer is not None:
             self._writer.write_run_info(self._info)
-            self._writer.close()
+        super().on_end()
 
 
 class Reporter:
