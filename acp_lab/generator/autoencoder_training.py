@@ -28,7 +28,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ViewRegion
-from acp_lab.generator.autoencoder import Decoder, Encoder, autoencoder_loss
+from acp_lab.generator.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
 from acp_lab.generator.autoencoder_config import AutoencoderConfig, AutoencoderReport
 from acp_lab.generator.edge_images import EdgeView, draw_views, jitter_homographies, make_edge_views, true_points
 from acp_lab.generator.generation_quality import comparison_grid, generation_quality
@@ -36,6 +36,7 @@ from acp_lab.generator.image_generator import POINT_SETS, AutoencoderGenerator, 
 from acp_lab.generator.latent_regressor import LatentRegressor
 from acp_lab.generator.orthogonal_steps import OrthogonalSteps
 from acp_lab.generator.training_checkpoint import Checkpoint, load_checkpoint
+from acp_lab.generator.training_watch import STAGE_NAMES, Watch, WatchedEpoch
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
 from acp_lab.geometry.homography import apply_homography
 
@@ -68,6 +69,7 @@ def train_autoencoder(
     seed: int,
     progress: Progress | None = None,
     checkpoint: Path | None = None,
+    watch: Watch | None = None,
 ) -> TrainedRegion:
     """Train one region's generator; the same seed and thread count give the same weights.
 
@@ -77,6 +79,7 @@ def train_autoencoder(
         regressed_points: (4, 3) mm, the region's W; the middle section's is trained beside it.
         progress: called with (epochs done, epochs in all), after the epoch was stored.
         checkpoint: file to store half-trained networks in and to go on from; it is left for the caller to remove.
+        watch: shown what the networks paint after every epoch; it changes nothing in the result.
 
     Raises:
         PreparationError: settings that do not fit together.
@@ -87,7 +90,7 @@ def train_autoencoder(
         "mid-section": mid_section_points(part.box_min, part.box_max, region.axis),
     }
     training = _Training(part, caster, region, points, config, seed, checkpoint)
-    training.run(progress)
+    training.run(progress, watch)
     return training.result()
 
 
@@ -171,7 +174,7 @@ class _Training:
             _Stage(config.second_epochs, config.latent_rate, list(second.parameters()), same_code, False),
         )
 
-    def run(self, progress: Progress | None) -> None:
+    def run(self, progress: Progress | None, watch: Watch | None = None) -> None:
         """All stages, from the checkpoint if there is a fitting one."""
         total = sum(stage.epochs for stage in self._stages)
         start = load_checkpoint(self._path, self._belongs_to) if self._path is not None else None
@@ -195,6 +198,8 @@ class _Training:
                 self._store(number, epoch + 1, steps)
                 if progress is not None:
                     progress(done, total)
+                if watch is not None:
+                    watch(self._watched(number, epoch + 1, done, total))
 
     def _epoch(self, number: int, stage: _Stage, epoch: int, steps: OrthogonalSteps) -> float:
         per_epoch = math.ceil(len(self._views) / self._config.batch)
@@ -232,6 +237,30 @@ class _Training:
         images = draw_views(self._held_out, self._held_out_h, self._config.images.line_sigma_px)
         with torch.no_grad():
             return torch.sigmoid(self.decoder(self.encoder(torch.from_numpy(images)[:, None])))[:, 0]
+
+    def _watched(self, stage: int, epoch: int, done: int, total: int) -> WatchedEpoch:
+        views, homographies = self._held_out[:GRID_ROWS], self._held_out_h[:GRID_ROWS]
+        truth = torch.from_numpy(draw_views(views, homographies, self._config.images.line_sigma_px))[:, None]
+        with torch.no_grad():
+            if stage == 0:
+                codes = self.encoder(truth)
+            else:
+                name: PointSet = "mid-section" if STAGE_NAMES[stage] == "second regressor" else "regressed"
+                codes = self.regressors[name](torch.from_numpy(self._control_points(views, homographies)[name]))
+            logits = self.decoder(codes)
+            painted = torch.sigmoid(logits)
+            parts = bce_loss(logits, truth), inverse_psnr_loss(painted, truth), autoencoder_loss(logits, truth)
+        return WatchedEpoch(
+            STAGE_NAMES[stage],
+            epoch,
+            self._stages[stage].epochs,
+            done,
+            total,
+            self._losses[-1],
+            truth[:, 0].numpy(),
+            painted[:, 0].contiguous().numpy(),
+            *(part.item() for part in parts),
+        )
 
     def result(self) -> TrainedRegion:
         """The stored form of the networks, judged as it will be used."""

@@ -122,12 +122,27 @@ class AutoencoderGenerator:
 
     def edge_images(self, canonical_points: np.ndarray, region: int, point_set: PointSet = "regressed") -> Float32Array:
         """(b, size, size) for control points (b, 4, 2)."""
+        return self.painted(self.latent_codes(canonical_points, region, point_set), region)
+
+    def latent_codes(
+        self, canonical_points: np.ndarray, region: int, point_set: PointSet = "regressed"
+    ) -> Float32Array:
+        """(b, latent), what the regressor of stage two says about control points (b, 4, 2)."""
         networks = self._loaded(region)
         import torch
 
         with one_thread(), torch.inference_mode():
             inputs = torch.from_numpy(np.asarray(canonical_points, np.float32).reshape(-1, 8))
-            logits = networks.decoder(networks.regressors[point_set](inputs))
+            codes: Float32Array = networks.regressors[point_set](inputs).numpy()
+        return codes
+
+    def painted(self, latent_codes: np.ndarray, region: int) -> Float32Array:
+        """(b, size, size), what the decoder paints for codes (b, latent), also such as no regressor ever says."""
+        networks = self._loaded(region)
+        import torch
+
+        with one_thread(), torch.inference_mode():
+            logits = networks.decoder(torch.from_numpy(np.asarray(latent_codes, np.float32)))
             images: Float32Array = torch.sigmoid(logits)[:, 0].numpy()
         return images
 

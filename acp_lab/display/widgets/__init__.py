@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from acp_lab.display.widgets.control_point_editor import ControlPointEditor
     from acp_lab.display.widgets.curve_plot import Curve, CurvePlot
+    from acp_lab.display.widgets.live_training import LiveTraining, ProgressBar
     from acp_lab.display.widgets.loss_landscape import LossLandscape
     from acp_lab.display.widgets.manipulation_explorer import ManipulationExplorer
     from acp_lab.display.widgets.overlay import Overlay
@@ -26,11 +27,13 @@ __all__ = [
     "ControlPointEditor",
     "Curve",
     "CurvePlot",
+    "LiveTraining",
     "LossLandscape",
     "ManipulationExplorer",
     "Overlay",
     "PointCanvas",
     "PoseAligner",
+    "ProgressBar",
     "TrackPlayer",
 ]
 
@@ -38,11 +41,13 @@ _HOME = {
     "ControlPointEditor": "control_point_editor",
     "Curve": "curve_plot",
     "CurvePlot": "curve_plot",
+    "LiveTraining": "live_training",
     "LossLandscape": "loss_landscape",
     "ManipulationExplorer": "manipulation_explorer",
     "Overlay": "overlay",
     "PointCanvas": "point_canvas",
     "PoseAligner": "pose_aligner",
+    "ProgressBar": "live_training",
     "TrackPlayer": "track_player",
 }
 
