@@ -35,7 +35,7 @@ MARGIN = 0.2
 DPI = 110
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
     """A diagnosis that shows itself: as text, in a notebook with its picture, in a file.
 
@@ -47,6 +47,9 @@ class Explanation:
 
     def __str__(self) -> str:
         return str(self.diagnosis)
+
+    # Of the diagnosis with all its arrays, it would fill pages, and every notebook that is saved with its outputs.
+    __repr__ = __str__
 
     def picture(self) -> bytes:
         """The picture as PNG."""
@@ -175,5 +178,5 @@ def _draw_quality(axes: Axes, diagnosis: Diagnosis, qualities: FloatArray) -> No
     axes.set_xlabel("frame")
     axes.set_ylabel("quality [0 to 1]")
     axes.grid(alpha=0.3)
-    named = ", ".join(str(finding.cause) for finding in diagnosis.findings[:2]) or diagnosis.conclusion
+    named = ",\n".join(str(finding.cause) for finding in diagnosis.findings[:2]) or diagnosis.conclusion
     axes.set_title(f"frame {diagnosis.frame}, {diagnosis.state}: {named}", fontsize=9)

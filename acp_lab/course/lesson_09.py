@@ -1,0 +1,111 @@
+"""Notebook 09: tracking a sequence, and reading a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from acp_lab.course.answers import Hint, as_choice, as_function
+from acp_lab.course.grader import exercise
+from acp_lab.course.workshop import sample_scene
+from acp_lab.geometry.pose import disturb_pose
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.altered import AlteredSequence
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.quality import StateConfig, StateMachine
+from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.tracker import Tracker
+
+CAUSES = ("occlusion", "missing frames", "bad start", "focal length", "edge break")
+_SPOILT = {"A": "occlusion", "B": "focal length", "C": "bad start"}
+_LOOK_AT = {
+    "A": "the quality falls within a few frames and comes back later. Play the frames around its lowest point, and "
+    "look at the picture before you read what explain calls it.",
+    "B": "the quality is as usual from the first frame to the last, and so is the error. Do the edges sit on the part? "
+    "Print the last column of cam_T_obj in frame 0, and of the truth.",
+    "C": "look at the very first frame: do the edges sit on the part, and is its quality that of the other runs?",
+}
+_TRICKY = (
+    (0.5, 0.28, 0.26, 0.28, 0.29, 0.31, 0.28),
+    (0.5, 0.1, 0.4, 0.1, 0.1, 0.22, 0.26, 0.28, 0.25, 0.31),
+    (0.5, 0.19, 0.22, 0.19, 0.19, 0.19, 0.35),
+)
+
+
+@exercise("09.1")
+def states_of_qualities(answer: Any) -> str:
+    """states(qualities) -> list of words, held against the tracker's own machine."""
+    states = as_function(answer, "a function states(qualities)")
+    rng = np.random.default_rng(91)
+    longer = [np.round(rng.uniform(0.1, 0.4, 40), 3).tolist() for _ in range(3)]
+    for qualities in (*map(list, _TRICKY), *longer):
+        found = states(list(qualities))
+        if isinstance(found, str) or not hasattr(found, "__len__") or len(found) != len(qualities):
+            raise Hint("Return a list with one word for each quality.")
+        _compare_states(qualities, [as_choice(word, tuple(TrackState)) for word in found])
+    return "Right. Two limits for each change, and some patience: without them a quality near a limit would flicker."
+
+
+def _compare_states(qualities: Sequence[float], found: Sequence[str]) -> None:
+    machine = StateMachine(StateConfig())
+    for number, (quality, word) in enumerate(zip(qualities, found, strict=True)):
+        before = machine.state
+        machine.update(quality)
+        if word == machine.state:
+            continue
+        past = ", ".join(f"{value:g}" for value in qualities[max(0, number - 2) : number]) or "nothing"
+        raise Hint(
+            f"A frame with quality {quality:g}, after {past}, while the state is '{before}': yours turns to '{word}'. "
+            f"Which limits count when the state is '{before}', and how many low frames in a row were there?"
+        )
+
+
+@exercise("09.2")
+def what_spoilt_them(answer: Any) -> str:
+    """What was done to each of the `unlabelled_runs`."""
+    if not isinstance(answer, Mapping):
+        raise Hint('Answer with a dictionary such as {"A": "occlusion", "B": "occlusion", "C": "occlusion"}.')
+    given = {str(name).strip().upper(): cause for name, cause in answer.items()}
+    missing = [name for name in _SPOILT if name not in given]
+    if missing:
+        raise Hint(f"Run {missing[0]} has no answer yet: the keys are {', '.join(_SPOILT)}.")
+    for name, cause in _SPOILT.items():
+        if as_choice(given[name], CAUSES) != cause:
+            raise Hint(f"Run {name}: {_LOOK_AT[name]}")
+    return (
+        "Right, all three. explain names the first beside other causes, calls the second something else, and has no "
+        "word for the third: what is wrong from the first frame on has no good frame before it to be compared with."
+    )
+
+
+def unlabelled_runs(model: PreparedPart) -> dict[str, TrackRun]:
+    """Three runs over the sample, each spoilt in one way; model: the sample part, prepared."""
+    scene, part = sample_scene(), model.part
+    start = scene.first_pose
+    far = disturb_pose(start, part.box_centre, 40.0, 5.0, np.random.default_rng(1))
+    runs = (
+        Tracker(model).run(AlteredSequence(scene, _strip), start),
+        Tracker(model).run(AlteredSequence(scene, _short_lens), start),
+        Tracker(model).run(scene, far),
+    )
+    return {name: replace(run, name=f"run {name}") for name, run in zip(_SPOILT, runs, strict=True)}
+
+
+def _strip(frame: Frame) -> Frame:
+    """A narrow patterned board that passes from the right to the left."""
+    if not 14 <= frame.index < 34:
+        return frame
+    image = frame.image.copy()
+    left = 390 - 12 * (frame.index - 14)
+    for number, x in enumerate(range(left, left + 36, 6)):
+        image[:, max(x, 0) : max(x + 6, 0)] = ((215, 215, 220), (70, 60, 50))[number % 2]
+    return replace(frame, image=image)
+
+
+def _short_lens(frame: Frame) -> Frame:
+    camera = frame.camera
+    return replace(frame, camera=replace(camera, fx=1.055 * camera.fx, fy=1.055 * camera.fy))

@@ -1,0 +1,70 @@
+"""The graders of notebook 09."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.course.lesson_09 import unlabelled_runs
+from acp_lab.tracking.quality import StateConfig, StateMachine
+from tests.course.grading import hints, passes
+from tests.prepared_sample import sample_model
+
+RIGHT = {"A": "occlusion", "B": "focal length", "C": "bad start"}
+
+
+def states(qualities, config=StateConfig()):  # type: ignore[no-untyped-def]  # noqa: B008
+    machine, found = StateMachine(config), []
+    for quality in qualities:
+        machine.update(quality)
+        found.append(str(machine.state))
+    return found
+
+
+def test_states() -> None:
+    passes("09.1", states)
+    passes("09.1", lambda qualities: np.array(states(qualities)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fragment"),
+    [
+        (lambda q: states(q, StateConfig(tracking_above=0.27)), "while the state is 'weak'"),
+        (lambda q: states(q, StateConfig(patience=1)), "yours turns to 'lost'"),
+        (lambda q: states(q, StateConfig(found_above=0.2)), "while the state is 'lost'"),
+        (lambda q: states(q)[1:], "one word for each"),
+        (lambda q: "tracking", "one word for each"),
+        (lambda q: ["good"] * len(q), "one of these words"),
+        (lambda q: [1 / 0], "ZeroDivisionError"),
+        (["tracking"], "the function itself"),
+    ],
+)
+def test_wrong_states(wrong, fragment: str) -> None:  # type: ignore[no-untyped-def]
+    hints("09.1", wrong, fragment)
+
+
+def test_causes() -> None:
+    passes("09.2", RIGHT)
+    passes("09.2", {"a": "Occlusion", "b": "focal  length", "C": "bad start"})
+    for name, wrong, fragment in (
+        ("A", "missing frames", "look at the picture"),
+        ("B", "edge break", "last column"),
+        ("C", "focal length", "very first frame"),
+    ):
+        said = hints("09.2", {**RIGHT, name: wrong}, f"Run {name}")
+        assert fragment in said
+        assert RIGHT[name] not in said
+    hints("09.2", {"A": "occlusion"}, "Run B has no answer")
+    hints("09.2", {**RIGHT, "C": "reflections"}, "one of these words")
+    hints("09.2", ["occlusion", "focal length", "bad start"], "dictionary")
+
+
+@pytest.mark.slow
+def test_the_runs_show_what_the_hints_say() -> None:
+    runs = {name: run.results[1] for name, run in unlabelled_runs(sample_model()).items()}
+    quality = {name: np.array([result.quality for result in results]) for name, results in runs.items()}
+    lowest = int(quality["A"].argmin())
+    assert 14 < lowest < 34
+    assert quality["A"][[10, 36]].min() > 1.25 * quality["A"][lowest]
+    assert quality["B"][0] > 1.5 * quality["C"][0]
+    assert quality["B"][0] == pytest.approx(quality["A"][0], abs=0.05)
