@@ -26,14 +26,12 @@ from acp_lab.generator.base import GeneratedEdges, RigidGenerator, generate_edge
 from acp_lab.generator.edge_images import EdgeImageConfig, EdgeView, analytic_view, draw_views, make_edge_views
 from acp_lab.generator.edge_images import true_points as points_along
 from acp_lab.generator.edge_points import RidgePoints, ridge
-from acp_lab.generator.generation_quality import F_SCORE_WITHIN_PX, GenerationQuality
+from acp_lab.generator.generation_quality import GenerationQuality, along_ridge, line_quality, mean_quality
 from acp_lab.generator.image_generator import AutoencoderGenerator
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.imaging.chamfer import nearest_distances
 
 _Found = TypeVar("_Found")
-_THIRDS = (-1.0 / 3.0, 0.0, 1.0 / 3.0)
 _REPEATS = 3
 
 
@@ -132,9 +130,7 @@ def score_painter(generator: AutoencoderGenerator, region: int, views: Sequence[
         return ridge(generator.edge_image(view.points, region, "mid-section"))
 
     def lines(_: StudyView, found: RidgePoints) -> FloatArray:
-        # A ridge has one point per pixel; the nearest of these alone would lie off along the line.
-        along = found.tangents / np.maximum(np.abs(found.tangents).max(1, keepdims=True), 1e-9)
-        return np.concatenate([found.points + share * along for share in _THIRDS])
+        return along_ridge(found)
 
     return _score("auto-encoder", views, ask, lines)
 
@@ -161,7 +157,7 @@ def _score(
     lines: Callable[[StudyView, _Found], FloatArray],
 ) -> GeneratorScore:
     """Means over views. Each is asked three times, the fastest counts; lines: points close enough to stand for them."""
-    rows, times_ms = [], []
+    qualities, times_ms = [], []
     for view in views:
         taken = []
         for _ in range(_REPEATS):
@@ -169,15 +165,6 @@ def _score(
             found = ask(view)
             taken.append(1e3 * (time.perf_counter() - begin))
         times_ms.append(min(taken))
-        rows.append(_quality(lines(view, found), view.true_points, view.edges.frame.size))
-    there, back, score = np.mean(rows, axis=0).tolist()
-    return GeneratorScore(name, GenerationQuality(there, back, score), float(np.median(times_ms)))
-
-
-def _quality(generated: FloatArray, truth: FloatArray, size: int) -> tuple[float, float, float]:
-    """Both distances and the F-score; without any edge a generator is wrong by the image's side."""
-    if len(generated) == 0 or len(truth) == 0:
-        return float(size), float(size), 0.0
-    there, back = nearest_distances(generated, truth), nearest_distances(truth, generated)
-    precision, recall = float((there < F_SCORE_WITHIN_PX).mean()), float((back < F_SCORE_WITHIN_PX).mean())
-    return float(there.mean()), float(back.mean()), 2.0 * precision * recall / max(precision + recall, 1e-9)
+        drawn = lines(view, found)
+        qualities.append(line_quality(drawn, drawn, view.true_points, view.edges.frame.size))
+    return GeneratorScore(name, mean_quality(qualities), float(np.median(times_ms)))

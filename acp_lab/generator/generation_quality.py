@@ -21,7 +21,7 @@ F_SCORE_WITHIN_PX = 1.0
 
 @dataclass(frozen=True)
 class GenerationQuality:
-    """Means over images.
+    """Of one image, or the means over several.
 
     Attributes:
         generated_to_true_px, true_to_generated_px: mean nearest distances.
@@ -38,21 +38,36 @@ def generation_quality(images: Float32Array, truth: Sequence[FloatArray]) -> Gen
 
     An image without any ridge counts as wrong by its own side.
     """
-    rows = [_one(image, points) for image, points in zip(images, truth, strict=True)]
-    there, back, score = np.mean(rows, axis=0).tolist()
-    return GenerationQuality(there, back, score)
+    found = [ridge(image) for image in images]
+    size = images.shape[1]
+    return mean_quality(
+        [line_quality(one.points, along_ridge(one), points, size) for one, points in zip(found, truth, strict=True)]
+    )
 
 
-def _one(image: Float32Array, truth: FloatArray) -> tuple[float, float, float]:
-    generated = ridge(image)
+def mean_quality(qualities: Sequence[GenerationQuality]) -> GenerationQuality:
+    """The means over images, one or more."""
+    rows = [(one.generated_to_true_px, one.true_to_generated_px, one.f_score) for one in qualities]
+    return GenerationQuality(*np.mean(rows, axis=0).tolist())
+
+
+def line_quality(generated: FloatArray, lines: FloatArray, truth: FloatArray, size: int) -> GenerationQuality:
+    """One image's edges; without any on one of the two sides it is wrong by the image's side `size`, px.
+
+    Args:
+        generated: (n, 2) edge points.
+        lines: (m, 2) points so close together along the generated edges that the nearest stands for the line.
+        truth: (k, 2) the same along the true edges.
+    """
     if len(generated) == 0 or len(truth) == 0:
-        return float(len(image)), float(len(image)), 0.0
-    there, back = nearest_distances(generated.points, truth), nearest_distances(truth, _along(generated))
+        return GenerationQuality(float(size), float(size), 0.0)
+    there, back = nearest_distances(generated, truth), nearest_distances(truth, lines)
     precision, recall = float((there < F_SCORE_WITHIN_PX).mean()), float((back < F_SCORE_WITHIN_PX).mean())
-    return float(there.mean()), float(back.mean()), 2.0 * precision * recall / max(precision + recall, 1e-9)
+    score = 2.0 * precision * recall / max(precision + recall, 1e-9)
+    return GenerationQuality(float(there.mean()), float(back.mean()), score)
 
 
-def _along(ridge_points: RidgePoints) -> FloatArray:
+def along_ridge(ridge_points: RidgePoints) -> FloatArray:
     """(3 n, 2): each point of a ridge, and two that lie a third of its pixel before and behind it on the line."""
     through_pixel = ridge_points.tangents / np.abs(ridge_points.tangents).max(1, keepdims=True)
     return np.concatenate([ridge_points.points + share * through_pixel for share in (-1 / 3, 0.0, 1 / 3)])
