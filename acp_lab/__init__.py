@@ -21,8 +21,8 @@ from acp_lab.errors import AcpLabError
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
     from acp_lab.display.explain_plot import explain
-    from acp_lab.display.replay import Replay
-    from acp_lab.display.viewer import show
+    from acp_lab.display.replay.recorder import Replay
+    from acp_lab.display.replay.viewer import show
     from acp_lab.display.widgets import PoseAligner
     from acp_lab.evaluation import evaluate
     from acp_lab.geometry.camera import Camera
@@ -58,14 +58,14 @@ _HOME = {
     "Part": "acp_lab.cad.part",
     "PoseAligner": "acp_lab.display.widgets",
     "PreparedPart": "acp_lab.prepared_part",
-    "Replay": "acp_lab.display.replay",
+    "Replay": "acp_lab.display.replay.recorder",
     "ResultsFile": "acp_lab.tracking.results_file",
     "Tracker": "acp_lab.tracking.tracker",
     "evaluate": "acp_lab.evaluation",
     "explain": "acp_lab.display.explain_plot",
     "open_sequence": "acp_lab.sequences",
     "prepare": "acp_lab.preparation",
-    "show": "acp_lab.display.viewer",
+    "show": "acp_lab.display.replay.viewer",
     "snap": "acp_lab.tracking.snap",
 }
 

@@ -13,7 +13,7 @@ from acp_lab.commands import console
 from acp_lab.errors import AcpLabError, InputFileError
 
 if TYPE_CHECKING:
-    from acp_lab.display.replay_file import ReplayContent, ReplayFile
+    from acp_lab.display.replay.file import ReplayContent, ReplayFile
 
 
 def show_replays(files: tuple[Path, ...], mp4: Path | None = None) -> int:
@@ -24,7 +24,7 @@ def show_replays(files: tuple[Path, ...], mp4: Path | None = None) -> int:
     """
     if len(files) > 2:
         raise InputFileError(f"{files[2]}: one replay too many: give one, or two to compare")
-    from acp_lab.display.replay_file import check_replay
+    from acp_lab.display.replay.file import check_replay
 
     replays = [check_replay(file) for file in files]
     if mp4 is not None:
@@ -38,7 +38,7 @@ def show_replays(files: tuple[Path, ...], mp4: Path | None = None) -> int:
 
 
 def _show_one(replay: ReplayFile) -> int:
-    from acp_lab.display.replay_file import readable
+    from acp_lab.display.replay.file import readable
 
     if not replay.is_complete:
         _read(replay)
@@ -47,7 +47,7 @@ def _show_one(replay: ReplayFile) -> int:
 
 
 def _compare(replays: list[ReplayFile]) -> int:
-    from acp_lab.display.replay_file import merge_replays
+    from acp_lab.display.replay.file import merge_replays
 
     contents = dict(zip("ab", map(_read, replays), strict=True))
     if contents["a"].scenes != contents["b"].scenes:
@@ -59,7 +59,7 @@ def _compare(replays: list[ReplayFile]) -> int:
 
 
 def _make_film(replays: list[ReplayFile], mp4: Path) -> int:
-    from acp_lab.display.overlay_video import write_film
+    from acp_lab.display.replay.overlay_video import write_film
 
     if mp4.is_dir():
         raise InputFileError(f"{mp4}: is a folder: --mp4 needs a file name")
@@ -73,7 +73,7 @@ def _make_film(replays: list[ReplayFile], mp4: Path) -> int:
 
 
 def _read(replay: ReplayFile) -> ReplayContent:
-    from acp_lab.display.replay_file import read_replay
+    from acp_lab.display.replay.file import read_replay
 
     content = read_replay(replay)
     if content.loss:

@@ -165,7 +165,7 @@ def run_jobs(
 
 
 def _replay(options: TrackOptions, sessions: int) -> Observer:
-    from acp_lab.display.replay import Replay
+    from acp_lab.display.replay.recorder import Replay
 
     assert options.replay is not None
     return Replay(options.replay, sessions, options.replay_iterations)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from acp_lab.commands.demo import _spread, open_sample
-from acp_lab.display.replay_file import check_replay
+from acp_lab.display.replay.file import check_replay
 from acp_lab.sequences import read_results
 from tests.cli_runner import assert_one_error, run
 

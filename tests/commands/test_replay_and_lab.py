@@ -11,8 +11,8 @@ import pytest
 
 import acp_lab
 from acp_lab.commands.lab import notebooks_folder
-from acp_lab.display.replay import Replay
-from acp_lab.display.replay_file import check_replay
+from acp_lab.display.replay.file import check_replay
+from acp_lab.display.replay.recorder import Replay
 from tests.cli_runner import assert_one_error, run
 from tests.display.made_run import play
 

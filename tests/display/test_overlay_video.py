@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from acp_lab.display.overlay_video import write_film
-from acp_lab.display.replay import Replay
-from acp_lab.display.replay_file import ReplayContent, check_replay, read_replay
-from acp_lab.display.replay_frames import fps_of, shown_frames
+from acp_lab.display.replay.file import ReplayContent, check_replay, read_replay
+from acp_lab.display.replay.frames import fps_of, shown_frames
+from acp_lab.display.replay.overlay_video import write_film
+from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, frames, play, result
 
@@ -109,7 +109,7 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_large_images_are_not_enlarged(tmp_path: Path) -> None:
-    from acp_lab.display.overlay_video import _panel
+    from acp_lab.display.replay.overlay_video import _panel
 
     replay = content(tmp_path / "run.rrd")
     assert _panel(replay, "").width == pytest.approx(1024, abs=80)

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acp_lab.display.replay import Replay
-from acp_lab.display.replay_images import JPEG_QUALITY, MOST_BYTES_PER_PIXEL, MOST_WAITING, encode_jpeg
+from acp_lab.display.replay.images import JPEG_QUALITY, MOST_BYTES_PER_PIXEL, MOST_WAITING, encode_jpeg
+from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import SessionInfo, TrackedObject, TrackResult, TrackState

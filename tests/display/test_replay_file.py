@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acp_lab.display.replay import Replay
-from acp_lab.display.replay_file import check_replay, merge_replays, read_replay, readable
+from acp_lab.display.replay.file import check_replay, merge_replays, read_replay, readable
+from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from tests.display.made_run import FRAME_IDS, play, recorded
 from tests.display.recording import Recording
@@ -20,7 +20,7 @@ from tests.display.recording import Recording
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from acp_lab.display.replay import Replay
+from acp_lab.display.replay.recorder import Replay
 from tests.display.made_run import play
 replay = Replay(Path(sys.argv[1]), sessions=2)
 play([replay])

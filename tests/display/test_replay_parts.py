@@ -8,7 +8,7 @@ import trimesh
 
 from acp_lab.cad.part import Part
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.display.replay_parts import box_lines, cad_edges, control_points_of, mesh_of, region_lines, thinned
+from acp_lab.display.replay.parts import box_lines, cad_edges, control_points_of, mesh_of, region_lines, thinned
 from tests.display.made_run import box
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 import traitlets
 
-from acp_lab.display import viewer
-from acp_lab.display.viewer import RunViewer, notebook_viewer, record, show
+from acp_lab.display.replay import viewer
+from acp_lab.display.replay.viewer import RunViewer, notebook_viewer, record, show
 from acp_lab.errors import AcpLabError, SequenceError
 from acp_lab.tracking.observer import SessionInfo, TrackedObject
 from acp_lab.tracking.session import TrackRun

@@ -14,18 +14,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from acp_lab.display.blueprint import single_run, spot_of
-from acp_lab.display.replay_clock import RunningClock
-from acp_lab.display.replay_images import ImageWriter
-from acp_lab.display.replay_log import Iterations, RunLog
-from acp_lab.display.replay_object import object_name
+from acp_lab.display.replay.blueprint import single_run, spot_of
+from acp_lab.display.replay.clock import RunningClock
+from acp_lab.display.replay.images import ImageWriter
+from acp_lab.display.replay.log import Iterations, RunLog
+from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import InputFileError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import SessionInfo, TrackResult
 
 APPLICATION = "acp_lab"
 RUN_PROPERTY = "acp_lab_run"
-"""Property of a recording: what `replay_file` has to know of it, as that a torn file lacks so many frames."""
+"""Property of a recording: what `replay.file` has to know of it, as that a torn file lacks so many frames."""
 
 
 class Replay:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acp_lab.display.colours import GREEN, GREY, PURPLE, YELLOW, lighter, residual_colours, to_bytes
-from acp_lab.display.replay_columns import ColumnBuffer
-from acp_lab.display.replay_parts import box_lines, cad_edges, control_points_of, mesh_of, region_lines
+from acp_lab.display.replay.columns import ColumnBuffer
+from acp_lab.display.replay.parts import box_lines, cad_edges, control_points_of, mesh_of, region_lines
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acp_lab.display.colours import OBJECT_COLOURS, lighter, to_bytes
-from acp_lab.display.replay_curves import STATE_COLOURS
-from acp_lab.display.replay_file import ReplayContent
-from acp_lab.display.replay_frames import ShownFrame, ShownObject, fps_of, shown_frames
+from acp_lab.display.replay.curves import STATE_COLOURS
+from acp_lab.display.replay.file import ReplayContent
+from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, shown_frames
 from acp_lab.errors import AcpLabError, InputFileError
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.tracking.observer import TrackState

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import traitlets
 
-from acp_lab.display.blueprint import comparison, single_run, spot_of
-from acp_lab.display.replay_clock import Moment, RunningClock
-from acp_lab.display.replay_curves import log_run_styles
-from acp_lab.display.replay_images import ImageWriter
-from acp_lab.display.replay_log import RunLog
-from acp_lab.display.replay_object import object_name
+from acp_lab.display.replay.blueprint import comparison, single_run, spot_of
+from acp_lab.display.replay.clock import Moment, RunningClock
+from acp_lab.display.replay.curves import log_run_styles
+from acp_lab.display.replay.images import ImageWriter
+from acp_lab.display.replay.log import RunLog
+from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import AcpLabError, SequenceError
 from acp_lab.tracking.observer import SessionInfo, TrackResult
 from acp_lab.tracking.session import TrackRun

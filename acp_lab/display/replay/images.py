@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from acp_lab.display.replay_clock import Moment
+from acp_lab.display.replay.clock import Moment
 from acp_lab.geometry.arrays import ByteImage
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from acp_lab.display.replay_clock import Moment
+from acp_lab.display.replay.clock import Moment
 
 if TYPE_CHECKING:
     import pyarrow as pa

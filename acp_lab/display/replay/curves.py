@@ -16,8 +16,8 @@ import numpy as np
 from acp_lab.control_points.view_regions import REGION_NAMES
 from acp_lab.display.accuracy import AddPercent
 from acp_lab.display.colours import GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, lighter, to_bytes
-from acp_lab.display.replay_columns import ColumnBuffer
-from acp_lab.display.replay_object import object_name
+from acp_lab.display.replay.columns import ColumnBuffer
+from acp_lab.display.replay.object_log import object_name
 from acp_lab.evaluation import PoseError, pose_error
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame

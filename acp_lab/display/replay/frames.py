@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acp_lab.display.replay_file import ReplayContent
+from acp_lab.display.replay.file import ReplayContent
 
 if TYPE_CHECKING:
     from rerun.chunk import Chunk

@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 
 from acp_lab.display.colours import OBJECT_COLOURS, lighter
-from acp_lab.display.replay_clock import Moment, RunningClock
-from acp_lab.display.replay_columns import ColumnBuffer
-from acp_lab.display.replay_curves import CurveLog
-from acp_lab.display.replay_images import ImageWriter
-from acp_lab.display.replay_object import CORNER_TO_CENTRE, ObjectLog, object_name
+from acp_lab.display.replay.clock import Moment, RunningClock
+from acp_lab.display.replay.columns import ColumnBuffer
+from acp_lab.display.replay.curves import CurveLog
+from acp_lab.display.replay.images import ImageWriter
+from acp_lab.display.replay.object_log import CORNER_TO_CENTRE, ObjectLog, object_name
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform

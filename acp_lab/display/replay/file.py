@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acp_lab.display.blueprint import Spot
+from acp_lab.display.replay.blueprint import Spot
 from acp_lab.errors import InputFileError
 
 if TYPE_CHECKING:
@@ -158,9 +158,9 @@ def merge_replays(contents: Mapping[str, ReplayContent], path: Path) -> None:
     """
     import rerun as rr
 
-    from acp_lab.display.blueprint import comparison
-    from acp_lab.display.replay import APPLICATION
-    from acp_lab.display.replay_curves import log_run_styles
+    from acp_lab.display.replay.blueprint import comparison
+    from acp_lab.display.replay.curves import log_run_styles
+    from acp_lab.display.replay.recorder import APPLICATION
 
     recording = rr.RecordingStream(APPLICATION, recording_id=" and ".join(contents))
     recording.save(path)
