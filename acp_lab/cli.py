@@ -34,6 +34,13 @@ app = typer.Typer(
 )
 
 
+class EdgeSource(StrEnum):
+    """Where `prepare --generator autoencoder` takes true edges from."""
+
+    ANALYTIC = "analytic"
+    NORMALS = "normals"
+
+
 class Generator(StrEnum):
     """What `prepare` makes of t(I)."""
 
@@ -95,6 +102,9 @@ def prepare(
         float | None,
         typer.Option(min=0, help="Size of the part's broken edges in mm, when known.", metavar="MM"),
     ] = None,
+    edges: Annotated[
+        EdgeSource, typer.Option(help="What the auto-encoder learns: the mesh's edges, or Canny on rendered normals.")
+    ] = EdgeSource.ANALYTIC,
     seed: Seed = 0,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads; more rarely pay.", metavar="N")] = 1,
     resume: Annotated[
@@ -106,7 +116,18 @@ def prepare(
     from acp_lab.commands.prepare import PrepareOptions, prepare_parts
 
     prepare_parts(
-        PrepareOptions(tuple(meshes), out, generator.value, fast, _regions(regions), edge_break, seed, threads, resume)
+        PrepareOptions(
+            meshes=tuple(meshes),
+            out=out,
+            generator=generator.value,
+            fast=fast,
+            regions=_regions(regions),
+            edge_break_mm=edge_break,
+            edge_source=edges.value,
+            seed=seed,
+            threads=threads,
+            resume=resume,
+        )
     )
 
 

@@ -19,7 +19,7 @@ from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
 from acp_lab.errors import PreparationError
 from acp_lab.generator.autoencoder_config import AutoencoderConfig
-from acp_lab.generator.edge_images import OUTLINE_SHARE_OF_BREAK
+from acp_lab.generator.edge_images import OUTLINE_SHARE_OF_BREAK, Source
 from acp_lab.generator.templates import build_templates
 from acp_lab.prepared_part import PreparedPart, RegionReport, read_header, write_picture
 
@@ -38,6 +38,7 @@ def prepare(
     fast: bool = False,
     regions: tuple[int, ...] | None = None,
     edge_break_mm: float | None = None,
+    edge_source: Source = "analytic",
     seed: int = 0,
     out: Path | None = None,
     resume: bool = True,
@@ -52,6 +53,8 @@ def prepare(
         regions: view regions 0..5 to train; default all. Others fall back to the templates; the auto-encoder does
             without them.
         edge_break_mm: how far the real part's edges are broken; default what the folder holds, else 0.25.
+        edge_source: what the auto-encoder learns to paint: the mesh's "analytic" edges, or rendered "normals"
+            through Canny, as the paper's authors did; those know no broken edges.
         seed: of all random choices.
         out: folder of prepared parts; the part is stored in out / part.name. Nothing is stored by default.
         resume: take up what is stored there; False starts anew.
@@ -82,7 +85,10 @@ def prepare(
     if generator == "autoencoder":
         _store(model, folder)
         model = _regress(model, caster, wanted, fast, seed, folder, progress)
-        return _paint(model, caster, wanted, fast, seed, folder, progress)
+        config = AutoencoderConfig.fast() if fast else AutoencoderConfig()
+        inset_mm = OUTLINE_SHARE_OF_BREAK * model.edge_break_mm if edge_source == "analytic" else 0.0
+        images = replace(config.images, source=edge_source, outline_inset_mm=inset_mm)
+        return _paint(model, caster, wanted, replace(config, images=images), seed, folder, progress)
     # Regions without a network of their own need the templates to fall back on.
     if (generator != "learned" or len(wanted) < REGION_COUNT) and model.templates is None:
         tell = None if progress is None else (lambda done, total: progress("view templates", done, total))
@@ -177,7 +183,7 @@ def _paint(
     model: PreparedPart,
     caster: RayCaster,
     regions: tuple[int, ...],
-    fast: bool,
+    config: AutoencoderConfig,
     seed: int,
     folder: Path | None,
     progress: Progress | None,
@@ -185,9 +191,6 @@ def _paint(
     """The edge image generator of each region, paper IV-A."""
     from acp_lab.generator.autoencoder_training import train_autoencoder
 
-    config = AutoencoderConfig.fast() if fast else AutoencoderConfig()
-    inset_mm = OUTLINE_SHARE_OF_BREAK * model.edge_break_mm
-    config = replace(config, images=replace(config.images, outline_inset_mm=inset_mm))
     settings = _settings(config, seed)
     if model.autoencoder_training != settings:
         model = replace(model, autoencoders={}, autoencoder_reports=(), autoencoder_training=settings)

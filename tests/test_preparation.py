@@ -283,7 +283,9 @@ def test_an_interrupted_region_goes_on_from_its_checkpoint(tmp_path: Path) -> No
     assert header(tmp_path / "one_go" / "bracket") == header(folder)
 
 
-@pytest.mark.parametrize("wish", [{"seed": 1}, {"edge_break_mm": 0.4}, {"resume": False}], ids=str)
+@pytest.mark.parametrize(
+    "wish", [{"seed": 1}, {"edge_break_mm": 0.4}, {"edge_source": "normals"}, {"resume": False}], ids=str
+)
 def test_other_wishes_train_anew(tmp_path: Path, wish: dict[str, Any]) -> None:
     paint(tmp_path, regions=(0,))
     with pytest.raises(KeyboardInterrupt):
@@ -291,7 +293,7 @@ def test_other_wishes_train_anew(tmp_path: Path, wish: dict[str, Any]) -> None:
     told = Told()
     model = paint(tmp_path, told, regions=(1,), **wish)
     assert told.stages[-1] == "auto-encoder, region -x"
-    assert ("control points, region -x" in told.stages) == ("edge_break_mm" not in wish)
+    assert ("control points, region -x" in told.stages) == (not {"edge_break_mm", "edge_source"} & set(wish))
     assert sorted(model.autoencoders) == [1]
     assert sorted(PreparedPart.load(tmp_path / "bracket").autoencoders) == [1]
 

@@ -15,6 +15,7 @@ from acp_lab.errors import InputFileError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
+    from acp_lab.generator.edge_images import Source
     from acp_lab.prepared_part import PreparedPart
 
 
@@ -33,6 +34,7 @@ class PrepareOptions:
     fast: bool = False
     regions: tuple[int, ...] | None = None
     edge_break_mm: float | None = None
+    edge_source: Source = "analytic"
     seed: int = 0
     threads: int = 1
     resume: bool = True
@@ -75,6 +77,7 @@ def prepare_parts(options: PrepareOptions) -> tuple[PreparedPart, ...]:
                 fast=options.fast,
                 regions=options.regions,
                 edge_break_mm=options.edge_break_mm,
+                edge_source=options.edge_source,
                 seed=options.seed,
                 out=options.out,
                 resume=options.resume,

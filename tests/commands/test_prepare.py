@@ -67,7 +67,13 @@ def test_the_papers_generator(
     assert (outcome.status, outcome.err) == (0, "")
     folder = tmp_path / "parts" / "block"
     assert {f"autoencoder_{region}.png" for region in (2, 5)} <= {path.name for path in folder.iterdir()}
-    assert sorted(json.loads((folder / "part.json").read_text())["generators"]) == ["autoencoder"]
+    made = json.loads((folder / "part.json").read_text())["generators"]
+    assert sorted(made) == ["autoencoder"]
+    assert "'source': 'analytic'" in made["autoencoder"]["training"]
+    assert run(capsys, *words, "--edges", "normals").status == 0
+    made = json.loads((folder / "part.json").read_text())["generators"]
+    assert "'source': 'normals'" in made["autoencoder"]["training"]
+    assert "'outline_inset_mm': 0.0" in made["autoencoder"]["training"]
 
 
 def test_several_meshes(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
