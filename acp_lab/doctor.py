@@ -211,12 +211,12 @@ def check_opengl() -> Check:
 
 def check_step() -> Check:
     """Reading STEP files."""
-    return _optional("cascadio", "STEP files can be read", f'{_PIP} "acp_lab[step]" to read STEP files')
+    return _optional("cascadio", "STEP files can be read", f'{_PIP} -e ".[step]" in the checkout, to read STEP files')
 
 
 def check_notebook_viewer() -> Check:
     """Replays inside notebooks."""
-    mend = f'{_PIP} "acp_lab[notebook]" to see replays inside notebooks'
+    mend = f'{_PIP} -e ".[notebook]" in the checkout, to see replays inside notebooks'
     return _optional("rerun_notebook", "replays show inside notebooks", mend)
 
 

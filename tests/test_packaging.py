@@ -36,6 +36,17 @@ def test_environment_md_explains_every_package() -> None:
         assert f"| {name} | {bounds.strip()} |" in text, f"environment.md lacks: | {name} | {bounds.strip()} |"
 
 
+def test_a_folder_of_that_name_does_not_hide_the_package(tmp_path: Path) -> None:
+    """Whoever works beside a clone has such a folder: the clone."""
+    (tmp_path / "acp_lab").mkdir()
+    code = "import acp_lab; print(acp_lab.Part.__name__)"
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.returncode) == ("Part\n", 0), done.stderr
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel of this checkout."""

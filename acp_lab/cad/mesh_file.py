@@ -108,7 +108,8 @@ def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
         import cascadio
     except ImportError:
         raise PartError(
-            f"{path}: STEP files need one more package: pip install acp_lab[step], or export the part as PLY"
+            f"{path}: STEP files need one more package: pip install -e '.[step]' in the checkout, "
+            "or export the part as PLY"
         ) from None
     # OpenCASCADE takes half a file for a whole one, so its two ends are looked for first.
     if b"ISO-10303-21;" not in data[:4096] or b"END-ISO-10303-21;" not in data[-4096:]:

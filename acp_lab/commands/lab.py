@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import acp_lab
+from acp_lab.commands import console
 from acp_lab.errors import AcpLabError
 
 
@@ -25,6 +27,8 @@ def notebooks_folder() -> Path:
 
 def open_lab(browser: bool = True) -> int:
     """Run JupyterLab on the loopback address, with its token, until it is stopped; its exit status."""
+    if importlib.util.find_spec("rerun_notebook") is None:
+        console.warn("replays will not show inside notebooks: python -m pip install -e '.[notebook]' (make lab does)")
     command = [sys.executable, "-m", "jupyterlab", str(notebooks_folder()), "--ip=127.0.0.1"]
     if not browser:
         command.append("--no-browser")

@@ -38,7 +38,7 @@ def path_tracer(scene: Scene, spp: int) -> PathTracer:
     try:
         import mitsuba as mi
     except ImportError:
-        raise InputFileError("--path-traced needs Mitsuba: pip install acp_lab[path-traced]") from None
+        raise InputFileError("--path-traced needs Mitsuba: pip install -e '.[path-traced]'") from None
     # The vectorised variant is faster, but an LLVM that is too old for it ends the process: only where one is named.
     mi.set_variant("llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb")
     return PathTracer(mi, scene, spp)

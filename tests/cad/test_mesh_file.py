@@ -158,5 +158,5 @@ def test_step_without_its_extra_says_what_to_install(tmp_path: Path, monkeypatch
     monkeypatch.setitem(sys.modules, "cascadio", None)
     path = tmp_path / "box.step"
     path.write_text(step_box((40.0, 20.0, 10.0)))
-    with pytest.raises(PartError, match=r"pip install acp_lab\[step\]"):
+    with pytest.raises(PartError, match=r"pip install -e '\.\[step\]'"):
         read_mesh_file(path)

@@ -132,6 +132,18 @@ def test_lab_opens_the_notebooks(
     assert options["env"]["RERUN_NOTEBOOK_ASSET"] == "serve-local"
 
 
+def test_lab_says_what_the_notebooks_would_lack(
+    capsys: pytest.CaptureFixture[str],
+    started: list[tuple[list[str], dict[str, Any]]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    outcome = run(capsys, "lab", "--no-browser")
+    assert outcome.status == 0
+    assert ".[notebook]" in outcome.err
+    assert len(started) == 1
+
+
 def test_lab_without_notebooks(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

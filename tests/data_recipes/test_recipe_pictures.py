@@ -84,7 +84,7 @@ def test_without_mitsuba_the_extra_is_named(
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     options = ("--size", "48x40", "--frames", "1", "--clutter", "0", "--parts", "slot_block")
     assert metal_sequences(["--out", str(tmp_path / "set"), "--path-traced", *options]) == 2
-    assert capsys.readouterr().err == "error: --path-traced needs Mitsuba: pip install acp_lab[path-traced]\n"
+    assert capsys.readouterr().err == "error: --path-traced needs Mitsuba: pip install -e '.[path-traced]'\n"
     assert list(tmp_path.iterdir()) == []
 
 
