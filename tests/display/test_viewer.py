@@ -9,11 +9,13 @@ from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import ipywidgets
 import pytest
 import traitlets
 
 from acp_lab.display.replay import viewer
 from acp_lab.display.replay.viewer import RunViewer, notebook_viewer, record, show
+from acp_lab.display.widgets.keyboard_guard import KeyboardGuard
 from acp_lab.errors import AcpLabError, SequenceError
 from acp_lab.tracking.observer import SessionInfo, TrackedObject
 from acp_lab.tracking.session import TrackRun
@@ -42,6 +44,9 @@ class Viewer:
 
     def set_time_ctrl(self, **told: Any) -> None:
         self.told.append(told)
+
+    def _display_(self) -> ipywidgets.Widget:
+        return ipywidgets.HTML("the picture")
 
     def say(self, kind: str, **values: Any) -> None:
         for callback in self.callbacks:
@@ -91,6 +96,15 @@ def test_the_viewer_follows(shown: RunViewer) -> None:
     assert player.frame == 1
 
 
+def test_the_keyboard_is_guarded(shown: RunViewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    displayed: list[Any] = []
+    monkeypatch.setattr("IPython.display.display", displayed.append)
+    shown._ipython_display_()
+    guard, picture = displayed[0].children  # the guard looks after its next sibling
+    assert isinstance(guard, KeyboardGuard)
+    assert picture.value == "the picture"
+
+
 def test_what_is_recorded_is_the_run(run: TrackRun) -> None:
     recording, moments = record({"": run})
     assert [moment.frame for moment in moments] == list(range(len(FRAME_IDS)))
@@ -121,7 +135,7 @@ def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.delitem(sys.modules, "rerun_notebook", raising=False)
     monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(AcpLabError, match=r"rerun-sdk\[notebook\]"):
+    with pytest.raises(AcpLabError, match="make lab does"):
         notebook_viewer()
 
 

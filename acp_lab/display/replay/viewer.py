@@ -37,6 +37,8 @@ _ASSET = "serve-local"
 class RunViewer(traitlets.HasTraits):
     """The viewer on one or two runs; displays itself as the last value of a notebook cell.
 
+    It leaves the keyboard to the notebook until someone clicks into it.
+
     frame: the frame that is shown, counted from 0. It follows the viewer, and the viewer follows it:
     `traitlets.link((viewer, "frame"), (player, "frame"))` keeps another widget in step.
     widget: rerun's own notebook viewer.
@@ -78,7 +80,11 @@ class RunViewer(traitlets.HasTraits):
             self.widget.set_time_ctrl(sequence=change["new"], timeline="frame")
 
     def _ipython_display_(self) -> None:
-        self.widget.display()
+        from IPython.display import display
+
+        from acp_lab.display.widgets.keyboard_guard import guarded
+
+        display(guarded(self.widget._display_()))  # rerun's name for the bare widget, without a box around it
 
 
 def show(run: TrackRun, other: TrackRun | None = None, height_px: int = 640) -> RunViewer:

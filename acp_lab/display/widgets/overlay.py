@@ -12,14 +12,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from acp_lab.display.colours import GREY, residual_colours, to_bytes
+from acp_lab.display.colours import GREY, LARGEST_RESIDUAL_PX, residual_colours, to_bytes
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 
 STROKE_PX = 3.0
 RESIDUAL_SHADES = 6
 """Strokes coloured by their residual are drawn in so many groups, one path each."""
-RESIDUAL_LABEL = "generated edges: blue fits, orange is 3 px off, grey has no image edge"
+RESIDUAL_LABEL = "generated edges: light blue fits, yellow, vermillion from 3 px off, grey has no image edge"
 
 Colour = tuple[float, float, float]
 Kind = Literal["strokes", "line", "polygon", "dots"]
@@ -61,9 +61,10 @@ def residual_strokes(edges: GeneratedEdges, residuals_px: FloatArray | None, lab
     if residuals_px is None:
         return (edge_strokes(edges, GREY, label),)
     strokes, size = _strokes(edges, STROKE_PX), np.abs(residuals_px)
-    limits = np.linspace(0.0, 3.0, RESIDUAL_SHADES)
-    shade = np.where(np.isnan(size), -1, np.clip(np.searchsorted(limits, size), 0, RESIDUAL_SHADES - 1))
-    colours = residual_colours(np.append(limits, np.nan))
+    shades_px = np.linspace(0.0, LARGEST_RESIDUAL_PX, RESIDUAL_SHADES)
+    nearest = np.round(np.clip(np.nan_to_num(size) / shades_px[1], 0.0, RESIDUAL_SHADES - 1.0))
+    shade = np.where(np.isnan(size), -1, nearest.astype(int))
+    colours = residual_colours(np.append(shades_px, np.nan))
     found = [number for number in range(-1, RESIDUAL_SHADES) if (shade == number).any()]
     # The first of them gives the legend its colour: the best fit, not "nothing found".
     found.sort(key=lambda number: number if number >= 0 else RESIDUAL_SHADES)

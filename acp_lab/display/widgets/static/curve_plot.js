@@ -97,7 +97,12 @@ class CurvePlot {
     const inside = svg("g", { transform: `translate(${-LEFT} ${-top})` }, window_);
     for (const mark of marks) {
       svg("line", { class: "acp-mark", x1: LEFT, x2: this.width - RIGHT, y1: py(mark.value), y2: py(mark.value) }, inside);
-      svg("text", { class: "acp-tick", x: this.width - RIGHT - 4, y: py(mark.value) + (py(mark.value) < top + 14 ? 12 : -3) }, inside).textContent = mark.label;
+      // Its name stands at the end of the line that the curves keep away from.
+      const away = (end) => Math.min(...curves.flatMap((curve) => end(curve.values).map((value) => Math.abs(value - mark.value))).filter(Number.isFinite));
+      const few = Math.ceil(this.x.length / 6);
+      const first = away((values) => [...values.slice(0, few)]) > away((values) => [...values.slice(-few)]);
+      const place = { x: first ? LEFT + 4 : this.width - RIGHT - 4, y: py(mark.value) + (py(mark.value) < top + 14 ? 12 : -3) };
+      svg("text", { class: `acp-tick${first ? " acp-tick-first" : ""}`, ...place }, inside).textContent = mark.label;
     }
     for (const curve of curves) {
       let path = "";
