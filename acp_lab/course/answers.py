@@ -60,12 +60,16 @@ def as_choice(answer: Any, choices: Sequence[str]) -> str:
 
 def as_choices(answer: Any, choices: Sequence[str]) -> frozenset[str]:
     """The answer as a set of some of the choices; one string alone will do. Raises Hint."""
+    wanted = f"Answer with a list of some of these words, each in quotes: {', '.join(choices)}."
     given = [answer] if isinstance(answer, str) else answer
     try:
         items = list(given)
     except TypeError:
-        raise Hint(f"Answer with a list of some of these words: {', '.join(choices)}.") from None
-    return frozenset(as_choice(item, choices) for item in items)
+        raise Hint(wanted) from None
+    try:
+        return frozenset(as_choice(item, choices) for item in items)
+    except Hint:
+        raise Hint(wanted) from None
 
 
 def as_function(answer: Any, what: str) -> Callable[..., Any]:

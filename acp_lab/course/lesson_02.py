@@ -40,7 +40,7 @@ def exact_maps(answer: Any) -> str:
     chosen = as_choices(answer, tuple(MAPS))
     right = frozenset(name for name, move in MAPS.items() if _is_exact(move))
     if chosen == right:
-        return "Right: all affine maps, for which no bending is needed. A homography reproduces the fifth as well."
+        return "All affine maps, for which no bending is needed. A homography reproduces the fifth as well."
     if chosen - right:
         raise Hint("One of yours needs bending: which of them does not keep parallel lines parallel?")
     if not chosen:
@@ -73,7 +73,7 @@ def one_way(answer: Any) -> str:
             if near(found, value, 1e-6):
                 raise Hint(hint)
         raise Hint("For one point of a: its distances to all of b, and the least of these. Then the mean over a.")
-    return "Right. For thousands of points a k-d tree does the same in a fraction of the time."
+    return "For thousands of points a k-d tree does the same in a fraction of the time."
 
 
 @exercise("02.3")
@@ -82,7 +82,7 @@ def obedient(answer: Any) -> str:
     chosen = as_choices(answer, WAYS)
     rigid = chosen & set(WAYS[2:])
     if chosen == set(WAYS[:2]):
-        return "Right. The others read a pose off the points first, and a pose has two numbers less."
+        return "The others read a pose off the points first, and a pose has two numbers less."
     if rigid:
         raise Hint("One of yours takes the pose from PnP first. Can a rigid part be where these points are?")
     if not chosen:

@@ -39,7 +39,7 @@ def crease(answer: Any) -> str:
         if limit_deg > 90.0:
             raise Hint("Right for small limits; try a limit beyond 90 degrees, where the cosine changes its sign.")
         raise Hint("The cosine of the angle between two unit vectors is their scalar product, pair by pair.")
-    return "Right. On this part nothing lies between 12 and 28 degrees, so any limit in there finds the same creases."
+    return "On this part nothing lies between 12 and 28 degrees, so any limit in there finds the same creases."
 
 
 @exercise("03.2")
@@ -53,7 +53,7 @@ def silhouette(answer: Any) -> str:
     found = _booleans(outline(points_obj, normals_obj, eye_obj), 400)
     turned = np.einsum("nkj,nj->nk", normals_obj, eye_obj - points_obj) > 0.0
     if (found == (turned[:, 0] != turned[:, 1])).all():
-        return "Right: one face seen, one not. It takes no ray, two scalar products per sample."
+        return "One face seen, one not. It takes no ray, two scalar products per sample."
     if (found == turned.any(1)).all():
         raise Hint("Where both faces are seen there is an edge inside the part's image, and no outline.")
     if (found == turned.all(1)).all():
@@ -76,7 +76,7 @@ def hidden_share(answer: Any) -> str:
         raise Hint("A share lies between 0 and 1.")
     shows, seen, count = _counts(ASKED_FRAME)
     if near(share, 1.0 - seen / shows, absolute=0.004):
-        return "Right. These would all be drawn by a generator that asks no ray, and each attracts a wrong edge."
+        return "These would all be drawn by a generator that asks no ray, and each attracts a wrong edge."
     if near(share, seen / shows, absolute=0.004):
         raise Hint("That is the share that can be seen.")
     if near(share, 1.0 - seen / count, absolute=0.004) or near(share, (shows - seen) / count, absolute=0.004):

@@ -26,7 +26,7 @@ def inverse_psnr(answer: Any) -> str:
     error = ((painted - truth) ** 2).mean((1, 2))
     if not _same(found, float(np.mean(-0.1 / np.log10(error)))):
         _compare_losses(found, painted - truth, error)
-    return "Right. It is positive below the pole at MSE = 1, and its gradient grows as the painting gets better."
+    return "It is positive below the pole at MSE = 1, and its gradient grows as the painting gets better."
 
 
 @exercise("04.2")
@@ -41,7 +41,7 @@ def picture_in_doubt(answer: Any) -> str:
     mean = truth.mean(0)
     if np.abs(found - mean).max() < _CLOSE:
         return (
-            "Right, and it shows none of the images: it is all of them, faint. The square error has the same best "
+            "It shows none of the images: it is all of them, faint. The square error has the same best "
             "picture, so no weight of the two terms makes the lines of an uncertain network sharp."
         )
     wrong = (
@@ -82,7 +82,7 @@ def where_the_ridge_is(answer: Any) -> str:
         raise Hint(
             "Put a parabola through the logarithms of the three: first and second difference tell where its slope is 0."
         )
-    return "Right, to the last digit, wherever the line runs: the logarithm of a Gaussian is a parabola."
+    return "Exact to the last digit, wherever the line runs: the logarithm of a Gaussian is a parabola."
 
 
 @cache

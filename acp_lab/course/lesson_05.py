@@ -20,7 +20,7 @@ def tiny_distance_map(answer: Any) -> str:
     truth = distance_map(TINY).astype(np.float64)
     off = np.abs(found - truth) > 0.02
     if not off.any():
-        return "Right. Along the middle of the map the nearest edge changes, and the map has a ridge there."
+        return "Along the middle of the map the nearest edge changes, and the map has a ridge there."
     if (found < 0.0).any():
         raise Hint("A distance is never negative.")
     if (found[TINY] != 0.0).any():
@@ -59,4 +59,4 @@ def parabola(answer: Any) -> str:
         raise Hint(
             "Set a x² + b x + c equal to the three values at -1, 0 and 1; that gives a and b, and they give the top."
         )
-    return "Right, and this is what the tracker does at each peak: a tenth of a pixel for three numbers."
+    return "This is what the tracker does at each peak: a tenth of a pixel for three numbers."

@@ -27,7 +27,7 @@ def lowest_place(answer: Any) -> str:
     """Where 1 / (1 - exp(D - alpha)) is lowest."""
     place = as_choice(answer, PLACES)
     if place == "just above alpha":
-        return "Right: the least value is minus infinity, and it is reached from the wrong side of the threshold."
+        return "The least value is minus infinity, and it is reached from the wrong side of the threshold."
     if place == "on the edge":
         raise Hint("That is where it ought to be. Which values does the formula take at D = 0, and which beyond alpha?")
     if place == "just below alpha":
@@ -66,7 +66,7 @@ def geman_mcclure_weight(answer: Any) -> str:
         if not np.isclose(found[0], 1.0):
             raise Hint("Near the edge the loss is D^2 / 2, plain least squares: which weight is that?")
         raise Hint("On the edge it is right. Compare with numerical differences of the loss, divided by D.")
-    return "Right. At D = alpha a quarter is left: this is the lower weight that the paper's text asks for."
+    return "At D = alpha a quarter is left: this is the lower weight that the paper's text asks for."
 
 
 @exercise("06.3")
@@ -79,7 +79,7 @@ def missing_share(answer: Any) -> str:
         raise Hint("A share lies between 0 and 1.")
     right = _missing(ASKED_FRAME)
     if near(share, right, absolute=_CLOSE):
-        return "Right. No pose of this part would bring these points to an edge of theirs; the loss has to bear them."
+        return "No pose of this part would bring these points to an edge of theirs; the loss has to bear them."
     if near(share, 1.0 - right, absolute=_CLOSE):
         raise Hint("That is the share that has an edge.")
     if near(share, _missing(20), absolute=_CLOSE):

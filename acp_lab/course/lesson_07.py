@@ -29,7 +29,7 @@ def marquardt_step(answer: Any) -> str:
         found = as_array(step(jacobian, residuals, weights, damping), (6,), "one step, (k,)")
         if not _same(found, _marquardt(jacobian, residuals, weights, damping)):
             _compare_steps(found, jacobian, residuals, weights, damping)
-    return "Right, and blind to units: Marquardt's diagonal is scaled together with the matrix."
+    return "It is blind to units: Marquardt's diagonal is scaled together with the matrix."
 
 
 @exercise("07.2")
@@ -38,7 +38,7 @@ def units(answer: Any) -> str:
     chosen = as_choices(answer, WAYS)
     if chosen == {"condition", "gradient descent"}:
         return (
-            "Right. The gradient becomes smaller by 57 where its variable became larger by 57, so descent goes another "
+            "The gradient becomes smaller by 57 where its variable became larger by 57, so descent goes another "
             "way; Gauss-Newton divides by the square of what it multiplied with, and ends at the same pose."
         )
     if "Gauss-Newton" in chosen:
@@ -57,7 +57,7 @@ def rigid_pull(answer: Any) -> str:
     redundant = _redundant()
     right = rigid_share(np.eye(8)[0], redundant)
     if near(share, right, absolute=_CLOSE):
-        return "Right. On average over all pulls it is six eighths: the rest bends the part."
+        return "On average over all pulls it is six eighths: the rest bends the part."
     if near(share, 1.0 - right, absolute=_CLOSE):
         raise Hint("That is the share that no motion of the part makes.")
     if near(share, np.sqrt(right), absolute=_CLOSE):

@@ -29,9 +29,7 @@ def region_of(answer: Any) -> str:
     found = np.array([as_number(find(direction, half_size), "a number from 0 to 5") for direction in directions])
     right = _regions(directions / half_size)
     if (found == right).all():
-        return (
-            "Right: measured in half sides, the box is a cube, and a cube's regions are decided by the largest entry."
-        )
+        return "Measured in half sides, the box is a cube, and a cube's regions are decided by the largest entry."
     if (found == _regions(directions)).all():
         raise Hint("Those are the regions of a cube; the corners of this box are elsewhere.")
     if (found == _regions(directions * half_size)).all():
@@ -64,7 +62,7 @@ def other_points(answer: Any) -> str:
         check_quad(np.delete(points_obj, axis, axis=1), minimum_px=1.0)
     except GeometryError:
         raise Hint("In their order, the four are no convex quad; no homography hangs on them.") from None
-    return "Right. Any four points of the plane tell the same homography, so e_3d cannot tell them apart. PnP can."
+    return "Any four points of the plane tell the same homography, so e_3d cannot tell them apart. PnP can."
 
 
 @exercise("08.3")
@@ -80,7 +78,7 @@ def homography(answer: Any) -> str:
         if np.allclose(found, right, rtol=1e-5, atol=1e-7):
             continue
         _compare_homographies(found, right, src, dst)
-    return "Right. The eight moved coordinates are what the printed equation lost."
+    return "The eight moved coordinates are what the printed equation lost."
 
 
 def _compare_homographies(found: FloatArray, right: FloatArray, src: FloatArray, dst: FloatArray) -> None:

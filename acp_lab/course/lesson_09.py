@@ -47,7 +47,7 @@ def states_of_qualities(answer: Any) -> str:
         if isinstance(found, str) or not hasattr(found, "__len__") or len(found) != len(qualities):
             raise Hint("Return a list with one word for each quality.")
         _compare_states(qualities, [as_choice(word, tuple(TrackState)) for word in found])
-    return "Right. Two limits for each change, and some patience: without them a quality near a limit would flicker."
+    return "Two limits for each change, and some patience: without them a quality near a limit would flicker."
 
 
 def _compare_states(qualities: Sequence[float], found: Sequence[str]) -> None:
@@ -77,7 +77,7 @@ def what_spoilt_them(answer: Any) -> str:
         if as_choice(given[name], CAUSES) != cause:
             raise Hint(f"Run {name}: {_LOOK_AT[name]}")
     return (
-        "Right, all three. explain names the first beside other causes, calls the second something else, and has no "
+        "All three. explain names the first beside other causes, calls the second something else, and has no "
         "word for the third: what is wrong from the first frame on has no good frame before it to be compared with."
     )
 

@@ -42,7 +42,7 @@ def add_by_hand(answer: Any) -> str:
         if near(found, right / part.diameter, 1e-6):
             raise Hint("Give it in mm; the diameter comes in later.")
         raise Hint("Move the points by one pose, and by the other: how far apart are the two places of each point?")
-    return "Right. Every score in this course comes from this one number per frame."
+    return "Every score in this course comes from this one number per frame."
 
 
 @exercise("11.2")
@@ -52,7 +52,7 @@ def how_deep(answer: Any) -> str:
     part, pose = sample_part(), sample_scene().first_pose
     if near(abs(found), LIMIT * part.diameter, 0.01):
         return (
-            "Right, a shift moves every point by its own length, whatever its direction. From 39 cm away it makes the "
+            "A shift moves every point by its own length, whatever its direction. From 39 cm away it makes the "
             "image half a percent smaller, which moves the edges by a quarter of a pixel."
         )
     if near(found, LIMIT, 0.01) or near(found, 100.0 * LIMIT, 0.001):
@@ -80,7 +80,7 @@ def recall_by_hand(answer: Any) -> str:
         (float((scored < 0.05).mean()), "That is the share within 5%."),
     )
     if near(share, float((scored < LIMIT).mean()), absolute=0.001):
-        return "Right: the first frame does not count, the missing one does, and the limit itself is no success."
+        return "The first frame does not count, the missing one does, and the limit itself is no success."
     for value, hint in wrong:
         if near(share, value, absolute=0.001):
             raise Hint(hint)

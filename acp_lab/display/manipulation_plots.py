@@ -48,6 +48,6 @@ def draw_growth(axes: Axes, amounts: np.ndarray, distances_px: Mapping[str, Sequ
         axes.plot(
             amounts, values, "-o", color=colour, markersize=3.0, linewidth=max(4.0 - 1.2 * order, 1.0), label=name
         )
-    axes.axhline(1.0, color=UNKNOWN, linewidth=0.8, linestyle="--")
+    axes.axhline(1.0, color=UNKNOWN, linewidth=0.8, linestyle="--", label="1 px")
     axes.set_xlabel(unit)
     axes.set_ylabel("Chamfer distance to the truth [px]")

@@ -149,7 +149,7 @@ class SummaryPicture:
         names = ", ".join(curves.name for curves in self._curves.values())
         figure.suptitle(
             f"{self._session.name}: {names}, method {self._session.method}   "
-            f"(edges: light blue 0 px, vermillion {LARGEST_RESIDUAL_PX:.0f} px off, grey: no image edge)",
+            f"(edges: light blue 0 px, yellow, vermillion {LARGEST_RESIDUAL_PX:.0f} px off, grey: no image edge)",
             fontsize=10,
         )
         part = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")

@@ -48,7 +48,7 @@ class ManipulationExplorer(ipywidgets.VBox):
             way.name: PointCanvas(title=way.name, image_size=size, view=view, height_px=PANEL_HEIGHT_PX, closed=True)
             for way in self.study.ways
         }
-        grid = ipywidgets.Layout(grid_template_columns="repeat(auto-fit, minmax(175px, 1fr))", grid_gap="8px 10px")
+        grid = ipywidgets.Layout(grid_template_columns="repeat(2, minmax(0, 1fr))", grid_gap="8px 10px")
         right = ipywidgets.GridBox(list(self.panels.values()), layout=grid)
         turns = motion_buttons(
             self.move_rigidly, lambda factor: self.move_rigidly(depth_factor=factor), TURN_DEG, DEPTH_STEP
