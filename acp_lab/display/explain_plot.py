@@ -1,7 +1,7 @@
 """`acp.explain(run, frame)`: why the tracker did badly in a frame, in words and as a picture.
 
 The words are those of `evaluation.diagnosis`. The picture shows the measured image with the part's edges: found
-ones sky blue, missing ones vermillion, those that something seems to hide purple; the tracked edges lie white
+ones sky blue, missing ones grey, those that something seems to hide vermillion; the tracked edges lie white
 below them. Beside it runs the quality, with the frame and the beginning of the trouble marked.
 """
 
@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acp_lab.display.colours import BLUE, GREY, PURPLE, SKY, VERMILLION
+from acp_lab.display.colours import BLUE, GREY, SKY, VERMILLION
 from acp_lab.errors import InputFileError
 from acp_lab.evaluation.causes import DiagnosisConfig
 from acp_lab.evaluation.diagnosis import Diagnosis, diagnose
+from acp_lab.evaluation.frame_evidence import NEAR_PX
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.session import TrackRun
@@ -123,24 +124,26 @@ def _draw_image(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.imshow(diagnosis.image)
     tracked = diagnosis.result.edges if diagnosis.measured_frame == diagnosis.frame else None
     if tracked is not None:
-        axes.plot(*tracked.points.T, ".", color="white", markersize=2.0, alpha=0.8, label="tracked")
+        label = "white dots: edges at the tracked pose"
+        axes.plot(*tracked.points.T, ".", color="white", markersize=2.0, alpha=0.8, label=label)
     shown = [np.zeros((0, 2))] if tracked is None else [tracked.points]
     evidence = diagnosis.evidence
     if evidence is not None:
         along = np.stack([-evidence.normals[:, 1], evidence.normals[:, 0]], 1)
         missing = ~evidence.found & ~diagnosis.hidden
         for rows, colour, label in (
-            (evidence.found & ~diagnosis.hidden, SKY, "found"),
-            (missing, VERMILLION, "missing"),
-            (diagnosis.hidden, PURPLE, "hidden"),
+            (evidence.found & ~diagnosis.hidden, SKY, f"image edge within {NEAR_PX:g} px"),
+            (missing, GREY, "no image edge there"),
+            (diagnosis.hidden, VERMILLION, "gone in one piece"),
         ):
-            _draw_strokes(axes, evidence.points[rows], along[rows], colour, label)
+            share = f"{100.0 * float(np.mean(rows)):.0f}%: {label}" if len(rows) else label
+            _draw_strokes(axes, evidence.points[rows], along[rows], colour, share)
         shown.append(evidence.points)
     _cut_to(axes, np.vstack(shown), diagnosis.image.shape)
     where = f"image of frame {diagnosis.measured_frame}"
     axes.set_title(f"{where}, edges at {diagnosis.measured_at}", fontsize=9)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=7, loc="upper right", framealpha=0.8)
+        axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2, frameon=False)
 
 
 def _draw_strokes(
@@ -169,7 +172,7 @@ def _draw_quality(axes: Axes, diagnosis: Diagnosis, qualities: FloatArray) -> No
     axes.plot(np.arange(len(qualities)), qualities, color=BLUE, linewidth=1.4)
     axes.axhline(diagnosis.usual_quality, color=GREY, linestyle="--", linewidth=0.8)
     place = (len(qualities) - 1, diagnosis.usual_quality)
-    axes.annotate("usual", place, (-4, 3), textcoords="offset points", fontsize=7, ha="right")
+    axes.annotate("good frames before", place, (-4, 3), textcoords="offset points", fontsize=7, ha="right")
     if diagnosis.onset < diagnosis.frame:
         axes.axvspan(diagnosis.onset, diagnosis.frame, color=VERMILLION, alpha=0.15, linewidth=0.0)
     axes.axvline(diagnosis.frame, color=VERMILLION, linewidth=1.2)
@@ -178,5 +181,6 @@ def _draw_quality(axes: Axes, diagnosis: Diagnosis, qualities: FloatArray) -> No
     axes.set_xlabel("frame")
     axes.set_ylabel("quality [0 to 1]")
     axes.grid(alpha=0.3)
-    named = ",\n".join(str(finding.cause) for finding in diagnosis.findings[:2]) or diagnosis.conclusion
+    named = ",\n".join(str(finding.cause) for finding in diagnosis.findings[:2])
+    named = named or diagnosis.conclusion.partition(".")[0]
     axes.set_title(f"frame {diagnosis.frame}, {diagnosis.state}: {named}", fontsize=9)

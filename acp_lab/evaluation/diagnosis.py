@@ -40,14 +40,15 @@ class Diagnosis:
 
     Attributes:
         run_name, object_id: which run and object; frame: counted from 0; frame_id: the image id.
-        state, quality: of the result; usual_quality: median over the good frames before.
+        state, quality: of the result; usual_quality: upper quartile over the good frames until then.
         onset: the first frame of the bad stretch that `frame` belongs to; `frame` itself when it is good.
         findings: the worst first.
         add_percent: ADD of the tracked pose in percent of the diameter, NaN where truth is unknown.
         result: of the tracker in `frame`.
         measured_frame: whose image was measured: `frame`, or `onset` where the tracked pose is lost and truth unknown.
         image: (h, w, 3) of that frame, None where it cannot be had.
-        evidence: what it shows at `measured_at`, "the true pose" or "the tracked pose".
+        evidence: what it shows at `measured_at`, "the true pose" or "the tracked pose"; found_limit: share of found
+            edges below which they are few.
         hidden: (n,) bool, which of the evidence's edge points are missing in one piece.
     """
 
@@ -67,6 +68,7 @@ class Diagnosis:
     evidence: EdgeEvidence | None = None
     measured_at: str = ""
     hidden: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    found_limit: float = DiagnosisConfig.found_share
 
     @property
     def is_good(self) -> bool:
@@ -82,7 +84,7 @@ class Diagnosis:
     def summary(self) -> str:
         """How the frame stands, in one line."""
         text = f"Frame {self.frame} (image {self.frame_id}), object {self.object_id}: {self.state}, "
-        text += f"quality {self.quality:.2f}, usually {self.usual_quality:.2f}"
+        text += f"quality {self.quality:.2f}, {self.usual_quality:.2f} in the good frames before it"
         if math.isfinite(self.add_percent):
             text += f", ADD {self.add_percent:.1f}% of the diameter"
         text += "."
@@ -92,8 +94,19 @@ class Diagnosis:
 
     @property
     def conclusion(self) -> str:
-        """What to say where no cause is named."""
-        return "Nothing is wrong with it." if self.is_good else "No known cause stands out."
+        """What to say where no cause is named: not that all is well, which nothing here can tell."""
+        if not self.is_good:
+            return "No known cause stands out."
+        words = ["Nothing stands out."]
+        if self.usual_quality > 0.0:
+            change = round(100.0 * (self.quality / self.usual_quality - 1.0))
+            than = f"{abs(change)}% {'above' if change > 0 else 'below'}" if change else "as in"
+            words.append(f"The quality is {than} the good frames before it.")
+        if self.evidence is not None:
+            share, limit = 100.0 * self.evidence.found_share, 100.0 * self.found_limit
+            words.append(f"{share:.0f}% of the edges in view are found in the image (few: below {limit:.0f}%).")
+        words.append("Neither shows a pose that drifts slowly, or was off from the start.")
+        return " ".join(words)
 
     def __str__(self) -> str:
         lines = [self.summary]
@@ -224,6 +237,7 @@ class _Case:
             evidence,
             "the tracked pose" if self.truth(number) is None else "the true pose",
             hidden,
+            self.config.found_share,
         )
 
     def measured_frame(self) -> int:

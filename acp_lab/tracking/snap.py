@@ -90,7 +90,7 @@ class SnapResult:
 
 
 def snap(model: PreparedPart, frame: Frame, cam_T_obj: np.ndarray, config: SnapConfig | None = None) -> SnapResult:
-    """The pose near a hand-set one (4, 4) that the frame agrees with best; takes about a second.
+    """The pose near a hand-set one (4, 4) that the frame agrees with best; takes one to two seconds.
 
     Raises:
         TrackingError: at the given pose the part is behind the camera, outside the image or shows too few edges.

@@ -14,6 +14,7 @@ from acp_lab.evaluation import add_mm
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.json_file import read_pose
+from acp_lab.tracking.snap import SnapResult
 from tests.display.scripted_hand import drag, drag_onto_the_part, view_from_beside
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -42,7 +43,12 @@ def test_a_scripted_drag_from_beside_snaps_to_the_part(seed: int, tmp_path: Path
     aligner = PoseAligner(model, frame, view_from_beside(model, frame, truth, 40.0, 60.0, rng))
     assert add_percent(aligner.cam_T_obj) > 15.0
     drag_onto_the_part(aligner, truth, 5.0, rng)
+    by_hand, said = aligner.cam_T_obj, []
+    aligner.message.observe(lambda change: said.append((change.new, aligner._snap_button.disabled)), "value")
     found = aligner.snap()
+    assert said[0] == ("searching …", True)
+    assert not aligner._snap_button.disabled
+    np.testing.assert_array_equal(aligner.pose_before, by_hand)
     assert found is not None
     assert found.is_good
     assert add_percent(aligner.cam_T_obj) < 2.0
@@ -51,6 +57,26 @@ def test_a_scripted_drag_from_beside_snaps_to_the_part(seed: int, tmp_path: Path
     np.testing.assert_allclose(aligner.editor.points, aligner.points_at(aligner.cam_T_obj))
     aligner.save(tmp_path / "POSE.json")
     np.testing.assert_allclose(read_pose(tmp_path / "POSE.json"), aligner.cam_T_obj, atol=1e-9)
+    assert aligner.is_saved
+    aligner.path.value = str(tmp_path / "POSE.json")
+    aligner._save_as_told()
+    assert "POSE.json" in aligner.message.value
+    assert "but" not in aligner.message.value.rpartition("POSE.json")[2]
+    # What was said is not true of the next pose.
+    aligner.turn((0.0, 0.0, 5.0))
+    assert aligner.snapped is None
+    assert aligner.message.value == ""
+    assert not aligner.is_saved
+
+
+def test_what_was_not_snapped_is_saved_with_a_word(aligner: PoseAligner, tmp_path: Path) -> None:
+    aligner.path.value = str(tmp_path / "POSE.json")
+    aligner._save_as_told()
+    assert "not snapped" in aligner.message.value
+    assert aligner.is_saved
+    aligner.snapped = SnapResult(aligner.cam_T_obj, 0.17, 0.1, 0.17, 0.9, None, np.zeros(0), is_good=False)  # type: ignore[arg-type]
+    aligner._save_as_told()
+    assert "snap did not find the part" in aligner.message.value
 
 
 def test_the_part_begins_in_the_middle_of_the_image(aligner: PoseAligner) -> None:

@@ -127,7 +127,7 @@ def test_overlays_go_as_bytes_without_what_is_not_finite() -> None:
 
 def test_residual_strokes_are_grouped_by_their_colour() -> None:
     edges = GeneratedEdges(np.arange(14.0).reshape(7, 2), np.tile([1.0, 0.0], (7, 1)), np.ones(7), np.arange(7))
-    residuals = np.array([0.0, 0.0, -9.0, 4.0, np.nan, 1.0, -1.0])
+    residuals = np.array([0.0, -0.2, -9.0, 4.0, np.nan, 1.0, -1.0])
     groups = residual_strokes(edges, residuals, "edges")
     assert sum(len(group.coordinates) for group in groups) == 7
     np.testing.assert_allclose(groups[0].colour, SKY)

@@ -82,7 +82,7 @@ def named(run: TrackRun, frame: int = TROUBLE + 1) -> Diagnosis:
     return diagnosis
 
 
-# ---- nothing is wrong ----------------------------------------------------------------------------------------
+# ---- nothing stands out ----------------------------------------------------------------------------------------
 
 
 def test_a_good_frame_has_no_cause(good: TrackRun) -> None:
@@ -90,9 +90,20 @@ def test_a_good_frame_has_no_cause(good: TrackRun) -> None:
         diagnosis = named(run)
         assert diagnosis.findings == ()
         assert diagnosis.is_good
-        assert "Nothing is wrong" in str(diagnosis)
+        assert "Nothing stands out" in str(diagnosis)
+        assert "drifts slowly" in str(diagnosis)
         assert diagnosis.evidence is not None
         assert diagnosis.evidence.found_share > 0.7
+        assert f"{100.0 * diagnosis.evidence.found_share:.0f}% of the edges in view" in str(diagnosis)
+
+
+def test_a_good_frame_is_held_against_the_good_frames_before(good: TrackRun) -> None:
+    results = [replace(result, quality=0.5) for result in good.results[1]]
+    results[-1] = replace(results[-1], quality=0.43)
+    run = replace(good, results={1: tuple(results)})
+    assert "0.50 in the good frames before it" in diagnose(run, -1).summary
+    assert "14% below the good frames" in diagnose(run, -1).conclusion
+    assert "quality is as in the good frames" in diagnose(run, -2).conclusion
 
 
 # ---- what the image does ---------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ result is the POSE.json that `acp-lab track --init` reads.
 
 from __future__ import annotations
 
+import html
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +47,15 @@ class PoseAligner(ipywidgets.VBox):
     """Finds cam_T_obj in one frame by hand and snap.
 
     cam_T_obj: (4, 4) mm, the present pose; observe it, or assign it, and the points follow. snapped: the last
-    `SnapResult`, None once the pose was moved on. editor: the frame with the four control points; region: 0..5,
-    whose points they are; cad_view: the CAD model; pairs: the second mode's corners. All buttons are methods:
-    `snap`, `save`, `turn`, `see_from`, `take_other_pose`, `solve_corners`.
+    `SnapResult`, None once the pose was moved on; pose_before: (4, 4) from which it was found. editor: the frame
+    with the four control points; region: 0..5, whose points they are; cad_view: the CAD model; pairs: the second
+    mode's corners. All buttons are methods: `snap`, `save`, `turn`, `see_from`, `take_other_pose`, `solve_corners`.
     """
 
     cam_T_obj = traitlets.Any()
     snapped = traitlets.Any(None, allow_none=True)
+    pose_before: FloatArray | None = None
+    _saved: FloatArray | None = None
 
     def __init__(self, model: PreparedPart, frame: Frame, cam_T_obj: FloatArray | None = None) -> None:
         """cam_T_obj: (4, 4) to begin with; by default the part is put into the middle of the image."""
@@ -68,15 +71,16 @@ class PoseAligner(ipywidgets.VBox):
         self.pairs = CornerPairs(self.chooser, self.picture)
         self.mode = ipywidgets.ToggleButtons(options=[DRAG, CLICK])
         self.mode.style.button_width = "auto"
-        self.path = ipywidgets.Text("POSE.json", layout=ipywidgets.Layout(width="180px"))
-        self.message = ipywidgets.HTML()
+        self.path = ipywidgets.Text("POSE.json", layout=ipywidgets.Layout(flex="1 1 260px", width="auto"))
+        # A line of its own, there from the beginning: words that come must not move the picture below the pointer.
+        self.message = ipywidgets.HTML(layout=ipywidgets.Layout(min_height="28px", margin="0"))
         self._left, self._right = ipywidgets.VBox(), ipywidgets.VBox()
         self._by_mode = {DRAG: self._drag_page(), CLICK: self._click_page()}
         save = [self.path, button("save", "write the pose as POSE.json", self._save_as_told)]
-        snap_button = button("snap", "let the optimiser find the edges", self.snap, "primary")
-        top = row([self.mode, snap_button, *save, self.message], gap="4px 12px")
+        self._snap_button = button("snap", "let the optimiser find the edges", self.snap, "primary")
+        top = row([self.mode, self._snap_button, *save], gap="4px 12px")
         columns = side_by_side((self._left, "3 1 420px"), (self._right, "2 1 300px"))
-        super().__init__([top, columns], cam_T_obj=pose)
+        super().__init__([top, self.message, columns], cam_T_obj=pose)
         self.mode.observe(lambda _: self._turn_page(), "value")
         self.editor.observe(self._follow, "points")
         self.editor.observe(lambda _: self._draw(), "settled")
@@ -92,15 +96,20 @@ class PoseAligner(ipywidgets.VBox):
 
         Where four points leave two poses and the nearer one fits nothing, the other one is tried, too.
         """
+        self._snap_button.disabled = True
+        self._tell("searching …")
         try:
             found = snap(self.model, self.frame, self.cam_T_obj)
             other = self._other_pose()
             if not found.is_good and other is not None:
+                self._tell("searching from the other pose …")
                 found = max(found, snap(self.model, self.frame, other), key=lambda result: result.quality)
         except AcpLabError as error:
             self._tell(str(error))
             return None
-        before = self.cam_T_obj
+        finally:
+            self._snap_button.disabled = False
+        before = self.pose_before = self.cam_T_obj
         with self.hold_trait_notifications():
             self.cam_T_obj, self.snapped = found.cam_T_obj, found
         turned = rotation_angle_deg(before[:3, :3], found.cam_T_obj[:3, :3])
@@ -111,6 +120,12 @@ class PoseAligner(ipywidgets.VBox):
     def save(self, path: str | Path) -> None:
         """Write the pose as POSE.json; InputFileError when the place cannot be written."""
         write_pose(path, self.cam_T_obj)
+        self._saved = self.cam_T_obj
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the present pose was saved."""
+        return self._saved is self.cam_T_obj
 
     def turn(self, turn_deg: Turn, depth_factor: float = 1.0) -> None:
         """Turn the part about its centre (deg, camera axes) and move it away; the control points may change."""
@@ -177,6 +192,7 @@ class PoseAligner(ipywidgets.VBox):
         return pose
 
     def _pose_changed(self, _: object) -> None:
+        self._tell("")  # what was said was said of another pose
         if self.snapped is not None and not np.array_equal(self.snapped.cam_T_obj, self.cam_T_obj):
             self.snapped = None
         if not self._is_linking:
@@ -264,7 +280,13 @@ class PoseAligner(ipywidgets.VBox):
         except AcpLabError as error:
             self._tell(str(error))
         else:
-            self._tell(f"the pose is in {Path(self.path.value).resolve()}")
+            place = html.escape(str(Path(self.path.value).resolve()))
+            if self.snapped is None:
+                self._tell(f"the pose is in {place}, <b>but not snapped</b>: that of your hand alone")
+            elif not self.snapped.is_good:
+                self._tell(f"the pose is in {place}, <b>but snap did not find the part</b>: look whether the edges sit")
+            else:
+                self._tell(f"the pose is in {place}")
 
     def _tell(self, text: str) -> None:
         self.message.value = text
