@@ -34,6 +34,6 @@ def half_the_pixels(answer: Any) -> str:
         if abs(given - (0.5 * (full + 0.5) - 0.5)) > _CENTRE_PX:
             raise Hint(f"{name}: measure from the picture's border, half a pixel before the centre of pixel 0.")
     return (
-        "Right, and the distortion stays as it is, since it belongs to the lens. The quarter of a pixel is nothing you "
+        "The distortion stays as it is, since it belongs to the lens. The quarter of a pixel is nothing you "
         "would see; a focal length of the wrong size is, in every depth."
     )

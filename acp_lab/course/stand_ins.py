@@ -46,7 +46,7 @@ def stand_ins(folder: str | Path) -> StandIns:
     Raises InputFileError when the folder cannot be written.
     """
     folder = Path(folder)
-    made = StandIns(folder / "bracket.stl", folder / "boards", folder / "clip.mp4", _camera())
+    made = StandIns(folder / "bracket.stl", folder / "boards", folder / "clip.mp4", stand_in_camera())
     try:
         made.boards.mkdir(parents=True, exist_ok=True)
         if not made.mesh.exists():
@@ -62,8 +62,8 @@ def stand_ins(folder: str | Path) -> StandIns:
     return made
 
 
-def _camera() -> Camera:
-    """The sample's camera behind a lens."""
+def stand_in_camera() -> Camera:
+    """The camera that took boards and video: the sample's, behind a lens."""
     return replace(sample_scene().camera(0), dist=LENS)
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import os
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from acp_lab.errors import InputFileError
+from acp_lab.errors import AcpLabError, InputFileError
 from acp_lab.sample import sample_dataset
 from acp_lab.sequences import open_sequence
 from acp_lab.sequences.bop import BopScene
@@ -28,17 +28,31 @@ SAMPLE_REGION = 4
 
 
 def start() -> None:
-    """What every notebook begins with: one look for all pictures, and one thread.
+    """What every notebook begins with: one look for all pictures, one thread, errors of the package in one line.
 
     The networks here are so small that threads wait for each other longer than they work.
     """
     import cv2
+    from IPython import get_ipython
 
     from acp_lab.display.look import use_look
 
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch reads it when it is imported
     cv2.setNumThreads(1)
     use_look()
+    shell = get_ipython()
+    if shell is not None:
+        shell.set_custom_exc((AcpLabError,), _show_in_one_line)
+
+
+def _show_in_one_line(
+    shell: Any, kind: type[AcpLabError], error: AcpLabError, trace: Any, tb_offset: int | None = None
+) -> list[str]:
+    """IPython's handler for errors that say themselves what to do; the cell has failed all the same."""
+    lines = [f"{kind.__name__}: {error}"]
+    error._render_traceback_ = lambda: lines  # type: ignore[attr-defined]
+    shell.showtraceback((kind, error, trace))
+    return lines
 
 
 def files_folder() -> Path:

@@ -9,7 +9,7 @@ Source: OpenCV's calib3d (Zhang, "A flexible new technique for camera calibratio
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -34,6 +34,7 @@ DICTIONARIES = tuple(
 _SMALLEST_COVER = 0.4
 _UNSURE_FOCAL = 0.01
 _MIN_CORNERS = 6
+_MOST_NAMES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +108,7 @@ class Calibration:
     """camera; error_px: root mean square of all reprojection errors, and view_errors_px (n,) of each view.
 
     focal_sigma_px: standard deviation of the focal length; cover: share of the picture that corners were seen in.
+    view_names: (n,) of the pictures behind the views; missed: names of the pictures without the board.
     """
 
     camera: Camera
@@ -114,12 +116,18 @@ class Calibration:
     view_errors_px: FloatArray
     focal_sigma_px: float
     cover: float
+    view_names: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        c = self.camera
+        c, views = self.camera, f"{len(self.view_errors_px)} views"
+        if self.missed:
+            more = f" and {len(self.missed) - _MOST_NAMES} more" if len(self.missed) > _MOST_NAMES else ""
+            views = f"{len(self.view_errors_px)} of {len(self.view_errors_px) + len(self.missed)} views "
+            views += f"(no board in {', '.join(self.missed[:_MOST_NAMES])}{more})"
         return (
             f"camera {c.width} x {c.height} px: fx {c.fx:.1f}, fy {c.fy:.1f} (± {self.focal_sigma_px:.1f}), "
-            f"cx {c.cx:.1f}, cy {c.cy:.1f}; {len(self.view_errors_px)} views, reprojection error "
+            f"cx {c.cx:.1f}, cy {c.cy:.1f}; {views}, reprojection error "
             f"{self.error_px:.2f} px (worst view {self.view_errors_px.max():.2f})"
         )
 
@@ -128,10 +136,11 @@ class Calibration:
         """What speaks against trusting it."""
         found = []
         if self.error_px > LARGEST_GOOD_ERROR_PX:
-            worst = int(self.view_errors_px.argmax()) + 1
+            number = int(self.view_errors_px.argmax())
+            worst = self.view_names[number] if self.view_names else f"view {number + 1}"
             found.append(
                 f"reprojection error {self.error_px:.2f} px is above {LARGEST_GOOD_ERROR_PX:g}: check the board's "
-                f"numbers, and leave out blurred views (view {worst} is the worst)"
+                f"numbers, and leave out blurred views ({worst} is the worst)"
             )
         if len(self.view_errors_px) < GOOD_VIEWS:
             found.append(f"only {len(self.view_errors_px)} views: take {GOOD_VIEWS} or more, tilted to all sides")
@@ -148,30 +157,38 @@ class Calibration:
         return tuple(found)
 
 
-def calibrate(board: Board, images: Iterable[ByteImage], source: str) -> Calibration:
+def calibrate(board: Board, images: Iterable[ByteImage], source: str, names: Iterable[str] = ()) -> Calibration:
     """Find the board in pictures of one size, and the camera that explains them best.
 
+    names: of the pictures, to speak of single ones; by default they are counted from 1.
     Raises InputFileError, beginning with `source`, for pictures of several sizes and for fewer than MIN_VIEWS in
     which the board is found.
     """
     views: list[BoardView] = []
+    view_names: list[str] = []
+    missed: list[str] = []
+    names = iter(names)
     size: tuple[int, int] | None = None
     seen = 0
     for image in images:
         seen += 1
+        name = next(names, f"picture {seen}")
         here = (image.shape[1], image.shape[0])
         size = here if size is None else size
         if here != size:
             raise InputFileError(f"{source}: pictures of {size[0]} x {size[1]} and {here[0]} x {here[1]} px: keep one")
         view = board.find(image)
-        if view is not None:
+        if view is None:
+            missed.append(name)
+        else:
             views.append(view)
+            view_names.append(name)
     if size is None or len(views) < MIN_VIEWS:
         raise InputFileError(
             f"{source}: the board was found in {len(views)} of {seen} pictures, {MIN_VIEWS} is the least: check the "
             "board's numbers (a chessboard counts inner corners, ChArUco squares) and take sharper pictures"
         )
-    return _solve(views, size)
+    return replace(_solve(views, size), view_names=tuple(view_names), missed=tuple(missed))
 
 
 def board_images(path: str | Path, every: int = 15) -> Iterator[ByteImage]:
@@ -179,16 +196,21 @@ def board_images(path: str | Path, every: int = 15) -> Iterator[ByteImage]:
 
     Raises InputFileError for what cannot be read, SequenceError for a folder without images.
     """
+    return (image for _, image in named_board_images(path, every))
+
+
+def named_board_images(path: str | Path, every: int = 15) -> Iterator[tuple[str, ByteImage]]:
+    """As `board_images`, each with its name: that of the file, or "frame 30" of a video."""
     path = Path(path)
     # What lens it was is still to be found: frames as they are.
     plain = Camera(*first_size(path), 1.0, 1.0, 0.0, 0.0)
     if path.is_dir():
         coding = PixelCoding.beside(path)
-        yield from (read_rgb(file, coding) for file in ImageFolder(path, plain).image_paths)
+        yield from ((file.name, read_rgb(file, coding)) for file in ImageFolder(path, plain).image_paths)
         return
     for frame in VideoFile(path, plain).frames():
         if isinstance(frame, Frame) and frame.index % every == 0:
-            yield frame.image
+            yield f"frame {frame.index}", frame.image
 
 
 def _solve(views: Sequence[BoardView], size: tuple[int, int]) -> Calibration:

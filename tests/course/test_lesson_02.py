@@ -16,7 +16,7 @@ def test_exact_maps() -> None:
     hints("02.1", [*AFFINE, "perspective"], "parallel")
     hints("02.1", "shift", "more")
     hints("02.1", [], "weights w")
-    hints("02.1", ["bending"], "one of these words")
+    hints("02.1", ["bending"], "a list of some of these words")
 
 
 def apart(a, b):  # type: ignore[no-untyped-def]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
+from IPython.core.interactiveshell import InteractiveShell
 
 from acp_lab import course
 from acp_lab.control_points.canonical_frame import eye_position
@@ -56,9 +58,26 @@ def test_the_sample_is_prepared_once(folder: Path, capsys: pytest.CaptureFixture
     np.testing.assert_array_equal(again.edges.points_obj, made.edges.points_obj)
 
 
-def test_start_sets_the_look() -> None:
-    import matplotlib as mpl
+def test_errors_of_the_package_are_one_line_and_fail_the_cell(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
+    shell = InteractiveShell()
+    monkeypatch.setattr("IPython.get_ipython", lambda: shell)
+    shown: list[list[str]] = []
+    shell._showtraceback = lambda kind, error, lines: shown.append(lines)
+    with mpl.rc_context():
+        course.start()
+    shell.run_cell("from acp_lab.errors import InputFileError, AcpLabError")
+    for line in ("raise InputFileError('clip.mp4: no such video')", "def f(): raise InputFileError('here')\nf()"):
+        done = shell.run_cell(line)
+        assert not done.success
+        assert isinstance(done.error_in_exec, InputFileError)
+    assert shown == [["InputFileError: clip.mp4: no such video"], ["InputFileError: here"]]
+    shell.run_cell("1 / 0")
+    assert len(shown) == 3
+    assert len(shown[2]) > 1, "other errors keep their traceback"
 
+
+def test_start_sets_the_look() -> None:
     with mpl.rc_context():
         mpl.rcParams["figure.facecolor"] = "none"
         course.start()

@@ -6,7 +6,9 @@ import ast
 import re
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient.exceptions import CellExecutionError
 from nbformat import NotebookNode
 
 from acp_lab import course
@@ -51,6 +53,19 @@ def test_notebook_runs(path: Path, run_notebook: Run) -> None:
     said = answers(done)
     for exercise in checked(done):
         assert f"Exercise {exercise}: not yet" in said, "an exercise must wait for its reader"
+
+
+@pytest.mark.slow
+def test_an_error_in_one_line_stops_the_notebook_all_the_same(run_notebook: Run) -> None:
+    cells = ["from acp_lab import course; course.start()", "course.check('99.9', 1)", "print('went on')"]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    with pytest.raises(CellExecutionError, match=r"99\.9"):
+        run_notebook(notebook)
+    (error,) = notebook.cells[1].outputs
+    assert error.output_type == "error"
+    assert len(error.traceback) == 1
+    assert "\n" not in error.traceback[0]
+    assert not notebook.cells[2].outputs
 
 
 @pytest.mark.parametrize("path", ALL, ids=name)

@@ -18,6 +18,7 @@ from acp_lab.sequences.calibration import (
     Chessboard,
     board_images,
     calibrate,
+    named_board_images,
 )
 from tests.board_pictures import (
     CAMERA,
@@ -95,6 +96,23 @@ def test_warnings_name_what_speaks_against_a_calibration() -> None:
     assert "20% of the picture" in cover
 
 
+def test_pictures_without_the_board_are_named() -> None:
+    class SeenOnlyInSome(PerfectBoard):
+        def find(self, image: ByteImage) -> BoardView | None:
+            return super().find(image) if image.any() else None
+
+    black = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    images, names = [black, *[black + 9] * 12, black], [f"{number}.jpg" for number in range(14)]
+    found = calibrate(SeenOnlyInSome(stands(SIZE_MM, 12)), images, "boards", names)
+    assert found.missed == ("0.jpg", "13.jpg")
+    assert found.view_names == tuple(names[1:13])
+    assert "12 of 14 views (no board in 0.jpg, 13.jpg), reprojection" in str(found)
+    counted = calibrate(SeenOnlyInSome(stands(SIZE_MM, 12)), [black] * 4 + images, "boards")
+    assert "(no board in picture 1, picture 2, picture 3 and 3 more)" in str(counted)
+    bad = Calibration(CAMERA, 1.4, np.array([0.3, 2.5, 0.4]), 1.0, 0.9, ("a.jpg", "b.jpg", "c.jpg"))
+    assert "b.jpg is the worst" in bad.warnings[0]
+
+
 def test_views_that_are_all_alike_are_noticed() -> None:
     blank = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     same = calibrate(PerfectBoard(stands(SIZE_MM, 1) * 4, 0.05), [blank] * 4, "boards")
@@ -128,6 +146,7 @@ def test_pictures_of_a_board_come_from_a_folder_or_a_video(tmp_path: Path) -> No
     for number, image in enumerate(images, start=9):  # 10 comes after 9, although not as text
         cv2.imwrite(str(folder / f"board{number}.png"), image)
     (folder / "notes.txt").write_text("no picture")
+    assert [name for name, _ in named_board_images(folder)] == [f"board{k}.png" for k in (9, 10, 11)]
     for read, image in zip(board_images(folder), images, strict=True):
         np.testing.assert_array_equal(read, image)
     height, width = images[0].shape[:2]
@@ -136,6 +155,7 @@ def test_pictures_of_a_board_come_from_a_folder_or_a_video(tmp_path: Path) -> No
         video.write(image)
     video.release()
     seen = list(board_images(tmp_path / "boards.avi", every=4))
+    assert [name for name, _ in named_board_images(tmp_path / "boards.avi", every=4)][:2] == ["frame 0", "frame 4"]
     assert len(seen) == 3
     for read, image in zip(seen, images, strict=True):
         assert np.abs(read.astype(float) - image).mean() < 3.0
