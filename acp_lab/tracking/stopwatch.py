@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
+from acp_lab.tracking.observer import Timings
+
 
 @dataclass
 class Stopwatch:
@@ -22,3 +24,15 @@ class Stopwatch:
         now = time.perf_counter()
         elapsed, self._last = now - self._last, now
         return elapsed
+
+    def timings(self, undistort_s: float, elapsed_s: float) -> Timings:
+        """The stages of a frame that took `elapsed_s` (s) from its undistorted image on, and `undistort_s` before."""
+        return Timings(
+            undistort_s,
+            self.image_s,
+            self.generate_s,
+            self.search_s,
+            self.solve_s,
+            self.learn_s,
+            undistort_s + elapsed_s,
+        )

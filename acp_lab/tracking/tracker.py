@@ -26,7 +26,7 @@ from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
 from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
 from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.motion import ConstantVelocity
-from acp_lab.tracking.observer import Observer, Timings, TrackResult, TrackStep
+from acp_lab.tracking.observer import Observer, TrackResult, TrackStep
 from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.quality import StateConfig, StateMachine
 from acp_lab.tracking.recovery import shifted_poses, try_poses
@@ -262,7 +262,7 @@ class Tracker:
             edges=self.aligner.generated(alignment, frame.camera),
             residuals_px=alignment.residuals_px(),
             iterations=alignment.iterations,
-            timings=_timings(clock, frame.undistort_s, elapsed_s),
+            timings=clock.timings(frame.undistort_s, elapsed_s),
             note=note,
             steps=alignment.steps,
             target=alignment.observation.target(self.config.solver.min_score) if self.records_target else None,
@@ -284,7 +284,7 @@ class Tracker:
             edges=None,
             residuals_px=None,
             iterations=0,
-            timings=_timings(clock, getattr(frame, "undistort_s", 0.0), elapsed_s),
+            timings=clock.timings(getattr(frame, "undistort_s", 0.0), elapsed_s),
             note=note,
         )
 
@@ -293,15 +293,3 @@ def _better(first: Alignment | None, second: Alignment | None) -> Alignment | No
     if first is None or second is None:
         return first or second
     return second if second.quality > first.quality else first
-
-
-def _timings(clock: Stopwatch, undistort_s: float, elapsed_s: float) -> Timings:
-    return Timings(
-        undistort_s,
-        clock.image_s,
-        clock.generate_s,
-        clock.search_s,
-        clock.solve_s,
-        clock.learn_s,
-        undistort_s + elapsed_s,
-    )

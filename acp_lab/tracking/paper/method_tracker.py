@@ -25,7 +25,7 @@ from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
 from acp_lab.tracking.image_edges import image_patch
 from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.motion import ConstantVelocity
-from acp_lab.tracking.observer import Observer, TargetView, Timings, TrackResult
+from acp_lab.tracking.observer import Observer, TargetView, TrackResult
 from acp_lab.tracking.paper.edge_source import EdgeSource, View
 from acp_lab.tracking.paper.frame_solver import MIN_EDGES, FrameSolver, FrameView, SolvedFrame
 from acp_lab.tracking.paper.lift import EdgeLifter
@@ -234,7 +234,7 @@ class MethodTracker:
             edges=edges,
             residuals_px=residuals,
             iterations=solved.iterations,
-            timings=_timings(clock, frame.undistort_s, elapsed_s),
+            timings=clock.timings(frame.undistort_s, elapsed_s),
             note=note,
             steps=solved.steps,
             target=_target_view(seen) if self.records_target else None,
@@ -284,7 +284,7 @@ class MethodTracker:
             edges=None,
             residuals_px=None,
             iterations=0,
-            timings=_timings(clock, undistort_s, time.perf_counter() - begin),
+            timings=clock.timings(undistort_s, time.perf_counter() - begin),
             note=note,
         )
 
@@ -306,15 +306,3 @@ def _target_view(seen: FrameView) -> TargetView | None:
     rows, columns = np.nonzero(target.edges)
     points = np.stack([columns, rows], 1) + np.array(target.origin)
     return TargetView(points, target.origin, (width, height), target.maps[0])
-
-
-def _timings(clock: Stopwatch, undistort_s: float, elapsed_s: float) -> Timings:
-    return Timings(
-        undistort_s,
-        clock.image_s,
-        clock.generate_s,
-        clock.search_s,
-        clock.solve_s,
-        clock.learn_s,
-        undistort_s + elapsed_s,
-    )
