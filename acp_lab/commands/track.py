@@ -248,4 +248,3 @@ def _job(
             for object_id, pose in starts.items()
         }
     return SceneJob(sequence, models, starts)
-

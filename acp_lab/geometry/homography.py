@@ -8,6 +8,8 @@ In the method the four are the image control points I: a small step of I moves t
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -64,36 +66,82 @@ def apply_homography(homography: FloatArray, points: FloatArray) -> FloatArray:
     return moved
 
 
-def homography_points_jacobian(src: FloatArray, dst: FloatArray, points: FloatArray) -> FloatArray:
-    """d(H x) / d dst for points x (n, 2): (n, 2, 8), px per px, columns in the order x1, y1, x2, ..., y4.
+class QuadWarp:
+    """Points (n, 2) px that hang on four, src (4, 2).
 
-    H is the homography from src (4, 2) to dst (4, 2). From A h = b: moving destination coordinate k changes
-    one equation, so dh = w_k A^-1 e_k with w_k the denominator h7 x + h8 y + 1 at its source point; and a
-    moved point p = H x changes by (x, y, 1, -p x, -p y) / w along h. Raises GeometryError as
-    `homography_from_points` does.
+    What depends on the start alone is computed once, for optimisers that ask again at every step. Raises
+    GeometryError when three of the four are in line.
     """
-    src, dst = _four_points(src, "source"), _four_points(dst, "destination")
-    _refuse_flat(src, "source")
-    _refuse_flat(dst, "destination")
-    to_src, _ = _normalisation(src)
-    to_dst, _ = _normalisation(dst)
-    # The centring is held fixed: H does not depend on it, and its scale cancels between dst and H x.
-    corners = _move(to_src, src)
-    system, moved = homography_system(corners, _move(to_dst, dst))
-    inverse = np.linalg.inv(system)
-    h = inverse @ moved
-    steps = inverse * np.repeat(corners @ h[6:] + 1.0, 2)
 
-    x = _move(to_src, np.asarray(points, dtype=np.float64))
-    one = np.append(x, np.ones((len(x), 1)), axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        one_over_w = one / (x @ h[6:] + 1.0)[:, None]
-    by_h = np.zeros((len(x), 2, 8))
-    by_h[:, 0, 0:3] = one_over_w
-    by_h[:, 1, 3:6] = one_over_w
-    by_h[:, 0, 6:] = -(one_over_w @ h[0:3])[:, None] * one_over_w[:, :2]
-    by_h[:, 1, 6:] = -(one_over_w @ h[3:6])[:, None] * one_over_w[:, :2]
-    return by_h @ steps
+    def __init__(self, src: FloatArray, points: FloatArray) -> None:
+        src = _four_points(src, "source")
+        _refuse_flat(src, "source")
+        to_src, _ = _normalisation(src)
+        self._corners = _move(to_src, src)
+        self._homogeneous = np.ones((len(points), 3))
+        self._homogeneous[:, :2] = _move(to_src, np.asarray(points, dtype=np.float64))
+
+    def to(self, dst: FloatArray) -> WarpedPoints:
+        """The points when the four are at dst (4, 2); raises GeometryError when three of those are in line."""
+        dst = _four_points(dst, "destination")
+        _refuse_flat(dst, "destination")
+        to_dst, from_dst = _normalisation(dst)
+        system, moved = homography_system(self._corners, _move(to_dst, dst))
+        h = np.asarray(np.linalg.solve(system, moved), dtype=np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            over_w = self._homogeneous / (self._homogeneous @ np.append(h[6:], 1.0))[:, None]
+        return WarpedPoints(self._corners, system, h, from_dst, over_w)
+
+
+@dataclass(frozen=True)
+class WarpedPoints:
+    """n points moved by the homography H between four; points on its vanishing line are inf or NaN.
+
+    In coordinates centred and scaled to about 1: corners (4, 2), the start of the four; system (8, 8) and h (8,) of
+    `homography_system`; over_w (n, 3), the points' x, y and 1 over their denominator w. from_dst: (3, 3) to px.
+    """
+
+    corners: FloatArray
+    system: FloatArray
+    h: FloatArray
+    from_dst: FloatArray
+    over_w: FloatArray
+
+    @cached_property
+    def _moved(self) -> FloatArray:
+        moved: FloatArray = self.over_w @ self.h[:6].reshape(2, 3).T
+        return moved
+
+    @property
+    def points(self) -> FloatArray:
+        """H x, (n, 2) px."""
+        return self._moved * self.from_dst[0, 0] + self.from_dst[:2, 2]
+
+    def tangents(self, tangents: FloatArray) -> FloatArray:
+        """Directions (n, 2) at the points before, as they are after: by the derivative of H, of length 1."""
+        # The two scalings and 1/w change lengths alone, 1/w also the sign.
+        turned = tangents @ self.h[[0, 1, 3, 4]].reshape(2, 2).T - self._moved * (tangents @ self.h[6:])[:, None]
+        turned *= np.sign(self.over_w[:, 2:])
+        unit: FloatArray = turned / np.maximum(np.hypot(turned[:, 0], turned[:, 1]), 1e-12)[:, None]
+        return unit
+
+    def jacobian(self) -> FloatArray:
+        """d(H x) / d dst, (n, 2, 8), px per px, columns in the order x1, y1, x2, ..., y4.
+
+        From A h = b: moving destination coordinate k changes one equation, so dh = w_k A^-1 e_k with w_k the
+        denominator h7 x + h8 y + 1 at its source point; and a moved point p = H x changes by
+        (x, y, 1, -p x, -p y) / w along h.
+        """
+        # The centring is held fixed: H does not depend on it, and its scale cancels between dst and H x.
+        steps = np.linalg.inv(self.system) * np.repeat(self.corners @ self.h[6:] + 1.0, 2)
+        jacobian: FloatArray = (self.over_w @ np.hstack([steps[:3], steps[3:6]])).reshape(-1, 2, 8)
+        jacobian -= np.einsum("ni,nk->nik", self._moved, self.over_w[:, :2] @ steps[6:])
+        return jacobian
+
+
+def homography_points_jacobian(src: FloatArray, dst: FloatArray, points: FloatArray) -> FloatArray:
+    """d(H x) / d dst for points x (n, 2): (n, 2, 8), see `WarpedPoints.jacobian`; H is that from src to dst, (4, 2)."""
+    return QuadWarp(src, points).to(dst).jacobian()
 
 
 def check_quad(points: FloatArray, minimum_px: float = 1.0, where: str = "quad") -> FloatArray:

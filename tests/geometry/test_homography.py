@@ -15,7 +15,7 @@ from acp_lab.geometry import (
     homography_points_jacobian,
 )
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.homography import corner_areas, extent, homography_system
+from acp_lab.geometry.homography import QuadWarp, corner_areas, extent, homography_system
 
 SQUARE = np.array([[100.0, 100.0], [300.0, 100.0], [300.0, 250.0], [100.0, 250.0]])
 MOVED = np.array([[103.0, 98.0], [305.0, 101.0], [298.0, 254.0], [100.5, 252.5]])
@@ -143,6 +143,38 @@ def test_moving_all_corners_alike_moves_all_points_alike(src: FloatArray, dst: F
     jacobian = homography_points_jacobian(src, dst, inside(src))
     np.testing.assert_allclose(jacobian[:, :, 0::2].sum(axis=2), np.tile([1.0, 0.0], (20, 1)), atol=1e-7)
     np.testing.assert_allclose(jacobian[:, :, 1::2].sum(axis=2), np.tile([0.0, 1.0], (20, 1)), atol=1e-7)
+
+
+# --- points that hang on four ------------------------------------------------------------------------------
+
+
+@given(convex_quads(0.1), convex_quads(0.1))
+def test_hanging_points_go_where_the_homography_takes_them(src: FloatArray, dst: FloatArray) -> None:
+    points = inside(src)
+    warped = QuadWarp(src, points).to(dst)
+    expected = apply_homography(homography_from_points(src, dst), points)
+    np.testing.assert_allclose(warped.points, expected, rtol=1e-7, atol=1e-6)
+
+
+@given(convex_quads(0.1), convex_quads(0.1))
+def test_tangents_of_hanging_points_against_differences(src: FloatArray, dst: FloatArray) -> None:
+    points = inside(src)
+    angle = np.linspace(0.0, 2.0 * np.pi, len(points), endpoint=False)
+    tangents = np.column_stack([np.cos(angle), np.sin(angle)])
+    homography, reach = homography_from_points(src, dst), 1e-6 * extent(src) * tangents
+    way = apply_homography(homography, points + reach) - apply_homography(homography, points - reach)
+    # What is nearly flattened has a direction that differences cannot tell.
+    assume(np.linalg.norm(way, axis=1).min() > 1e-9 * extent(dst))
+    expected = way / np.linalg.norm(way, axis=1)[:, None]
+    np.testing.assert_allclose(QuadWarp(src, points).to(dst).tangents(tangents), expected, atol=1e-3)
+
+
+def test_three_in_line_have_no_warp() -> None:
+    line = np.array([[0.0, 0.0], [50.0, 50.0], [100.0, 100.0], [0.0, 100.0]])
+    with pytest.raises(GeometryError, match="source"):
+        QuadWarp(line, SQUARE)
+    with pytest.raises(GeometryError, match="destination"):
+        QuadWarp(SQUARE, SQUARE).to(line)
 
 
 # --- quads ------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ through the network (autograd) or by differences.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -47,7 +48,14 @@ class View:
 
         Raises GeometryError where I is degenerate.
         """
+        if np.array_equal(control_points, self.prior_points):
+            return self.prior  # where most frames start; PnP would say the same
         return solve_planar_pnp(self.points_obj, control_points, self.camera).nearest(self.prior)
+
+    @cached_property
+    def prior_points(self) -> np.ndarray:
+        """(4, 2) px: I of the prior."""
+        return self.project(self.prior)
 
     def project(self, cam_T_obj: np.ndarray) -> np.ndarray:
         """(4, 2) px: I of a pose (4, 4)."""

@@ -80,8 +80,8 @@ class MethodTracker:
         pose = np.array(cam_T_obj, np.float64)
         self._forget()
         self._region = self._choose_region(pose, None)
-        solved, seen, view = self._solve(frame, pose, None, clock)
-        if solved is None or seen is None or view is None:
+        solved, seen = self._solve(frame, pose, None, clock)
+        if solved is None or seen is None:
             raise TrackingError(
                 f"{self.part.name}: at the start pose t = {np.round(pose[:3, 3], 1).tolist()} mm the part is not seen "
                 f"in frame {frame.index} ({frame.camera.width}x{frame.camera.height}); check pose, unit and camera"
@@ -89,7 +89,7 @@ class MethodTracker:
         self._motion.restart(solved.cam_T_obj)
         self._points = solved.control_points
         self._started = True
-        return self._result(frame, solved, seen, view, clock, begin, is_first=True)
+        return self._result(frame, solved, seen, clock, begin, is_first=True)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
         """The pose in the next frame; an unreadable frame gets the predicted pose and quality 0.
@@ -108,15 +108,15 @@ class MethodTracker:
         before, self._region = self._region, self._choose_region(predicted, self._region)
         # Another region has another W, so I begins anew as the projection of the pose.
         carried = self._carried(frame.camera, predicted) if before == self._region else None
-        solved, seen, view = self._solve(frame, predicted, carried, clock)
-        if solved is None or seen is None or view is None or not self._is_plausible(solved.cam_T_obj):
+        solved, seen = self._solve(frame, predicted, carried, clock)
+        if solved is None or seen is None or not self._is_plausible(solved.cam_T_obj):
             note = self._states.update(0.0) or "no pose was found"
             self._motion.restart(self._motion.last)
             self._points = None
             return self._blind(frame, self._motion.last, clock, begin, note)
         self._motion.observe(solved.cam_T_obj)
         self._points = solved.control_points
-        return self._result(frame, solved, seen, view, clock, begin, is_first=False)
+        return self._result(frame, solved, seen, clock, begin, is_first=False)
 
     def run(self, sequence: Sequence, start: np.ndarray, observers: Iterable[Observer] = ()) -> TrackRun:
         """Track a sequence of one object from a start pose (4, 4) in its first frame."""
@@ -160,19 +160,19 @@ class MethodTracker:
 
     def _solve(
         self, frame: Frame, prior: np.ndarray, carried: np.ndarray | None, clock: Stopwatch
-    ) -> tuple[SolvedFrame | None, FrameView | None, View | None]:
+    ) -> tuple[SolvedFrame | None, FrameView | None]:
         clock.lap()
         seen = self._look(frame, prior)
         clock.image_s += clock.lap()
         if seen is None:
-            return None, None, None
+            return None, None
         region = ALL_REGIONS[self._region]
         try:
             canonical = canonical_frame(
                 eye_position(prior), self.part.box_centre, self.part.radius, region, self._canonical_size
             )
         except GeometryError:
-            return None, seen, None
+            return None, seen
         view = View(
             frame.camera,
             prior,
@@ -182,8 +182,8 @@ class MethodTracker:
             canonical,
             canonical.homography_to(frame.camera, prior),
         )
-        start = view.project(prior) if carried is None else carried
-        return self._solver.solve(seen, view, start, clock, self.records_steps), seen, view
+        start = view.prior_points if carried is None else carried
+        return self._solver.solve(seen, view, start, clock, self.records_steps), seen
 
     def _look(self, frame: Frame, prior: np.ndarray) -> FrameView | None:
         """The frame around the part at the prior pose; None where that is behind the camera or off the image."""
@@ -212,15 +212,11 @@ class MethodTracker:
         frame: Frame,
         solved: SolvedFrame,
         seen: FrameView,
-        view: View,
         clock: Stopwatch,
         begin: float,
         is_first: bool,
     ) -> TrackResult:
-        clock.lap()
-        edges = self._solver.generate(view, solved.control_points)
-        clock.generate_s += clock.lap()
-        residuals, quality = self._judge(edges, seen, clock)
+        residuals, quality = self._judge(solved.edges, seen, clock)
         note = "" if is_first else self._states.update(quality)
         elapsed_s = time.perf_counter() - begin
         return TrackResult(
@@ -231,7 +227,7 @@ class MethodTracker:
             quality=quality,
             state=self._states.state,
             region=self._region,
-            edges=edges,
+            edges=solved.edges,
             residuals_px=residuals,
             iterations=solved.iterations,
             timings=clock.timings(frame.undistort_s, elapsed_s),
@@ -240,11 +236,9 @@ class MethodTracker:
             target=_target_view(seen) if self.records_target else None,
         )
 
-    def _judge(
-        self, edges: GeneratedEdges | None, seen: FrameView, clock: Stopwatch
-    ) -> tuple[np.ndarray | None, float]:
+    def _judge(self, edges: GeneratedEdges, seen: FrameView, clock: Stopwatch) -> tuple[np.ndarray | None, float]:
         """Residuals of the final edges, (n,) px, and the quality in [0, 1]; learns where the method learns."""
-        if edges is None or len(edges) < MIN_EDGES:
+        if len(edges) < MIN_EDGES:
             return None, 0.0
         measure = self._solver.measure(seen, 2.0 * _QUALITY_SIGMA_PX)
         if not isinstance(measure, SearchMeasure):

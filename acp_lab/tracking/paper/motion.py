@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.homography import apply_homography, homography_from_points, homography_points_jacobian
+from acp_lab.geometry.homography import QuadWarp, WarpedPoints
 from acp_lab.tracking.optimiser import move_pose
 from acp_lab.tracking.paper.edge_source import EdgeSource, View, pose_flow
 
@@ -26,8 +26,8 @@ class Motion(Protocol):
         """The edge points at some variables."""
         ...
 
-    def jacobian(self, variables: np.ndarray, edges: GeneratedEdges) -> np.ndarray:
-        """(n, 2, k) how those edge points move by a step of the k variables."""
+    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
+        """The edge points at some variables, and (n, 2, k) how they move by a step of the k variables."""
         ...
 
     def moved(self, variables: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -48,21 +48,20 @@ class HomographyMotion(_ControlPointMotion):
 
     def __init__(self, edges: GeneratedEdges, control_points: np.ndarray) -> None:
         self._edges = edges
-        self._from = control_points
+        self._warp = QuadWarp(control_points, edges.points)
 
     def edges(self, variables: np.ndarray) -> GeneratedEdges:
         """The edges moved by the homography; GeometryError where I is degenerate."""
-        homography = homography_from_points(self._from, variables)
-        start = self._edges
-        points = apply_homography(homography, start.points)
-        # A tangent goes with the difference of two moved points; half a pixel apart is as good as a derivative here.
-        tangents = apply_homography(homography, start.points + 0.5 * start.tangents) - points
-        tangents /= np.maximum(np.hypot(tangents[:, 0], tangents[:, 1]), 1e-12)[:, None]
-        return GeneratedEdges(points, tangents, start.weights, start.sample_ids)
+        return self._moved(self._warp.to(variables))
 
-    def jacobian(self, variables: np.ndarray, edges: GeneratedEdges) -> np.ndarray:
-        """(n, 2, 8)."""
-        return homography_points_jacobian(self._from, variables, self._edges.points)
+    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
+        """The same, and (n, 2, 8)."""
+        warped = self._warp.to(variables)
+        return self._moved(warped), warped.jacobian()
+
+    def _moved(self, warped: WarpedPoints) -> GeneratedEdges:
+        start = self._edges
+        return GeneratedEdges(warped.points, warped.tangents(start.tangents), start.weights, start.sample_ids)
 
 
 class RegeneratedMotion(_ControlPointMotion):
@@ -77,9 +76,10 @@ class RegeneratedMotion(_ControlPointMotion):
         """t(I); GeometryError where I is degenerate."""
         return self._source.generate(self._view, variables)
 
-    def jacobian(self, variables: np.ndarray, edges: GeneratedEdges) -> np.ndarray:
-        """(n, 2, 8)."""
-        return self._source.flow(self._view, variables, edges, self._by_differences)
+    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
+        """The same, and (n, 2, 8)."""
+        edges = self.edges(variables)
+        return edges, self._source.flow(self._view, variables, edges, self._by_differences)
 
 
 class RigidMotion:
@@ -100,9 +100,9 @@ class RigidMotion:
         points = self._project(variables) + self._lift_px
         return GeneratedEdges(points, self._edges.tangents, self._edges.weights, self._edges.sample_ids)
 
-    def jacobian(self, variables: np.ndarray, edges: GeneratedEdges) -> np.ndarray:
-        """(n, 2, 6) by rotation (rad) and shift (mm), camera axes."""
-        return pose_flow(self._view, variables, self._points_obj)
+    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
+        """The same, and (n, 2, 6) by rotation (rad) and shift (mm), camera axes."""
+        return self.edges(variables), pose_flow(self._view, variables, self._points_obj)
 
     def moved(self, variables: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The pose after a step (6,)."""

@@ -134,9 +134,9 @@ class _Normal:
 
 
 def _normal_equations(motion: Motion, measure: Measure, variables: np.ndarray, prior: Prior | None) -> _Normal:
-    edges = motion.edges(variables)
+    edges, jacobian = motion.linearised(variables)
     seen = measure(edges)
-    rows = np.einsum("nj,njk->nk", seen.directions, motion.jacobian(variables, edges))
+    rows = np.einsum("nj,njk->nk", seen.directions, jacobian)
     # Points whose motion is not known (behind the camera, no clear ridge) say nothing.
     good = np.isfinite(rows).all(1) & np.isfinite(seen.residuals)
     rows, residuals, weights = rows[good], seen.residuals[good], seen.weights[good]

@@ -70,16 +70,17 @@ class DistanceTarget:
         crop is far from everything.
         """
         height, width = self.edges.shape
-        local = points - self.origin
-        inside = np.clip(local, 0.0, (width - 1.001, height - 1.001))
-        column, row = inside.astype(np.intp).T
-        u, v = (inside - np.stack([column, row], 1)).T
-        layer = self._layers(normals)
-        a, b = self.maps[layer, row, column], self.maps[layer, row, column + 1]
-        c, d = self.maps[layer, row + 1, column], self.maps[layer, row + 1, column + 1]
+        x, y = (points - self.origin).T
+        inside_x = np.minimum(np.maximum(x, 0.0), width - 1.001)
+        inside_y = np.minimum(np.maximum(y, 0.0), height - 1.001)
+        column, row = inside_x.astype(np.intp), inside_y.astype(np.intp)
+        u, v = inside_x - column, inside_y - row
+        # One flat index for the four neighbours: reading them is much of what an optimiser's step costs.
+        pixel = (self._layers(normals) * height + row) * width + column
+        a, b, c, d = (self.maps.take(pixel + step) for step in (0, 1, width, width + 1))
         top, bottom = a + u * (b - a), c + u * (d - c)
         gradients = np.stack([(1 - v) * (b - a) + v * (d - c), bottom - top], 1)
-        outside = local - inside
+        outside = np.stack([x - inside_x, y - inside_y], 1)
         way = np.hypot(outside[:, 0], outside[:, 1])
         left = way > 0.0
         gradients[left] = outside[left] / way[left, None]

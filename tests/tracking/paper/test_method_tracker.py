@@ -9,12 +9,15 @@ import pytest
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import PreparationError, TrackingError
+from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.paper.edge_source import View
 from acp_lab.tracking.paper.method import MethodConfig
 from acp_lab.tracking.paper.method_tracker import MethodTracker
+from acp_lab.tracking.paper.rigid_source import RigidEdgeSource
 from acp_lab.tracking.paper.solvers import SolverConfig
 from acp_lab.tracking.paper.target import TargetConfig
 from acp_lab.tracking.session import TrackRun
@@ -85,6 +88,33 @@ def test_pnp_of_the_reported_control_points_is_the_reported_pose(model: Prepared
         w = model.control_points(result.region, "mid-section")
         found = solve_planar_pnp(w, result.control_points, CAMERA).poses
         assert min(np.abs(found - result.cam_T_obj).max(axis=(1, 2))) < 1e-4
+
+
+@pytest.mark.parametrize("name", ["homography", "pose"])
+def test_edges_are_generated_once_a_level_and_reported_where_they_ended(
+    name: str, plate: tuple[PreparedPart, MadeSequence], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, sequence = plate
+    calls: list[np.ndarray] = []
+    generate = RigidEdgeSource.generate
+
+    def counted(source: RigidEdgeSource, view: View, control_points: np.ndarray) -> GeneratedEdges:
+        calls.append(control_points)
+        return generate(source, view, control_points)
+
+    monkeypatch.setattr(RigidEdgeSource, "generate", counted)
+    tracker = MethodTracker(model, (METHODS | FLAT_METHODS)[name][0])
+    frames = list(sequence.frames())
+    tracker.start(frames[0], sequence.first_pose)  # type: ignore[arg-type]
+    calls.clear()
+    result = tracker.track(frames[1])
+    assert len(calls) == len(BASE.loss.schedule)
+    assert result.edges is not None
+    # Moved from where the last level began to the result: near what the reported pose itself shows.
+    w = model.edges.points_obj[result.edges.sample_ids]
+    shown = CAMERA.project(w @ result.cam_T_obj[:3, :3].T + result.cam_T_obj[:3, 3])
+    assert np.abs(result.edges.points - shown).max() < 1.0
+    assert np.linalg.norm(result.edges.points - shown, axis=1).mean() < 0.3
 
 
 def test_steps_and_target_are_there_when_asked_for(model: PreparedPart, sequence: MadeSequence) -> None:

@@ -14,6 +14,7 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.generator.edge_points import ridge
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import homography_from_points
+from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
 from acp_lab.tracking.optimiser import move_pose
@@ -61,8 +62,9 @@ def test_the_homography_moves_edges_as_its_jacobian_says(view: View, source: Edg
     start = view.project(view.prior)
     motion = HomographyMotion(source.generate(view, start), start)
     there = start + np.array([[1.0, -2.0], [0.5, 1.0], [-1.5, 0.0], [2.0, 1.0]])
-    edges = motion.edges(there)
-    np.testing.assert_allclose(motion.jacobian(there, edges), differences(motion, there, 8, NUDGE_PX), atol=1e-5)
+    edges, jacobian = motion.linearised(there)
+    np.testing.assert_array_equal(edges.points, motion.edges(there).points)
+    np.testing.assert_allclose(jacobian, differences(motion, there, 8, NUDGE_PX), atol=1e-5)
     # Each control point carries the edges: four corners that move alike move everything alike.
     shifted = motion.edges(start + np.array([3.0, -1.0])).points
     np.testing.assert_allclose(shifted, motion.edges(start).points + np.array([3.0, -1.0]), atol=1e-9)
@@ -82,7 +84,7 @@ def test_a_pose_moves_lifted_edges_as_its_jacobian_says(view: View, source: Edge
     points_obj = EdgeLifter(model.part, model.edges).lift(edges, view.prior, CAMERA)
     motion = RigidMotion(edges, points_obj, view, view.prior)
     there = move_pose(view.prior, view.centre_obj, np.array([0.01, -0.02, 0.01, 0.5, 0.3, -1.0]))
-    found = motion.jacobian(there, motion.edges(there))
+    _, found = motion.linearised(there)
     np.testing.assert_allclose(found, differences(motion, there, 6, 1e-5), rtol=1e-4, atol=1e-3)
 
 
@@ -102,6 +104,13 @@ def test_edges_far_from_the_part_are_not_lifted(view: View, model: PreparedPart)
     assert np.isnan(EdgeLifter(model.part, model.edges).lift(stray, view.prior, CAMERA)).all()
 
 
+def test_the_prior_needs_no_pnp(view: View) -> None:
+    found = solve_planar_pnp(view.points_obj, view.prior_points, CAMERA).nearest(view.prior)
+    np.testing.assert_allclose(found, view.prior, atol=1e-5)
+    assert view.pose(view.prior_points) is view.prior
+    assert view.pose(view.prior_points + 0.1) is not view.prior
+
+
 def test_the_flow_through_pnp_agrees_with_differences_of_pnp(view: View, source: RigidEdgeSource) -> None:
     start = view.project(view.prior)
     edges = source.generate(view, start)
@@ -115,7 +124,7 @@ def test_the_flow_along_rigid_motions_is_the_rigid_motion(
 ) -> None:
     start = view.project(view.prior)
     edges = source.generate(view, start)
-    flow = RegeneratedMotion(source, view, by_differences=False).jacobian(start, edges)
+    _, flow = RegeneratedMotion(source, view, by_differences=False).linearised(start)
     rigid = pose_flow(view, view.prior, model.edges.points_obj[edges.sample_ids])
     np.testing.assert_allclose(flow @ view.control_jacobian(view.prior), rigid, atol=1e-6)
 
