@@ -106,7 +106,9 @@ def prepare(
         EdgeSource, typer.Option(help="What the auto-encoder learns: the mesh's edges, or Canny on rendered normals.")
     ] = EdgeSource.ANALYTIC,
     seed: Seed = 0,
-    threads: Annotated[int, typer.Option(min=1, help="CPU threads; more rarely pay.", metavar="N")] = 1,
+    threads: Annotated[
+        int, typer.Option(min=1, help="CPU threads; more rarely pay. The auto-encoder trains in two.", metavar="N")
+    ] = 1,
     resume: Annotated[
         bool,
         typer.Option("--resume/--no-resume", help="Go on with what is there, or replace it."),

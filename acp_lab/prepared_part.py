@@ -173,7 +173,7 @@ class PreparedPart:
         _write(folder / "part.json", (json.dumps(self._header(), indent=2) + "\n").encode())
 
     @staticmethod
-    def load(folder: Path, mesh: Path | None = None) -> PreparedPart:
+    def load(folder: str | Path, mesh: str | Path | None = None) -> PreparedPart:
         """Read a prepared part.
 
         Args:
@@ -182,6 +182,7 @@ class PreparedPart:
         Raises:
             PreparationError: missing, incomplete, of another version, or prepared from another mesh.
         """
+        folder, mesh = Path(folder), None if mesh is None else Path(mesh)
         path, again = folder / "part.json", f"run: acp-lab prepare {mesh or 'MESH'} --out {folder.parent}"
         header = read_header(folder, again)
         if mesh is not None and header["mesh"]["sha256"] != _sha256(mesh, again):

@@ -25,7 +25,7 @@ class PrepareOptions:
 
     One thread is the default: the networks are so small that threads wait for each other longer than they work
     (on a busy machine of two cores, two threads took seven times as long as one), and the numbers are the same
-    on every machine.
+    on every machine. Only the auto-encoder is large enough for two, and it takes them by itself.
     """
 
     meshes: tuple[Path, ...]

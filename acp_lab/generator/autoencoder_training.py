@@ -16,7 +16,8 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,7 +33,14 @@ from acp_lab.generator.autoencoder import Decoder, Encoder, autoencoder_loss, bc
 from acp_lab.generator.autoencoder_config import AutoencoderConfig, AutoencoderReport
 from acp_lab.generator.edge_images import EdgeView, draw_views, jitter_homographies, make_edge_views, true_points
 from acp_lab.generator.generation_quality import comparison_grid, generation_quality
-from acp_lab.generator.image_generator import POINT_SETS, AutoencoderGenerator, PointSet, RegionAutoencoder
+from acp_lab.generator.half_batches import halves_gradient, two_threads
+from acp_lab.generator.image_generator import (
+    POINT_SETS,
+    AutoencoderGenerator,
+    PointSet,
+    RegionAutoencoder,
+    one_thread,
+)
 from acp_lab.generator.latent_regressor import LatentRegressor
 from acp_lab.generator.orthogonal_steps import OrthogonalSteps
 from acp_lab.generator.training_checkpoint import Checkpoint, load_checkpoint
@@ -71,9 +79,7 @@ def train_autoencoder(
     checkpoint: Path | None = None,
     watch: Watch | None = None,
 ) -> TrainedRegion:
-    """Train one region's generator; the same seed and thread count give the same weights.
-
-    It works in as many threads as torch is set to.
+    """Train one region's generator, in two threads; the same seed gives the same weights on any number of cores.
 
     Args:
         regressed_points: (4, 3) mm, the region's W; the middle section's is trained beside it.
@@ -89,9 +95,10 @@ def train_autoencoder(
         "regressed": regressed_points,
         "mid-section": mid_section_points(part.box_min, part.box_max, region.axis),
     }
-    training = _Training(part, caster, region, points, config, seed, checkpoint)
-    training.run(progress, watch)
-    return training.result()
+    with one_thread(), two_threads() as workers:  # this thread's own share is small
+        training = _Training(part, caster, region, points, config, seed, checkpoint)
+        training.run(workers, progress, watch)
+        return training.result()
 
 
 @dataclass(frozen=True)
@@ -101,6 +108,10 @@ class _Stage:
     parameters: list[torch.nn.Parameter]
     batch_loss: Callable[[_Batch], Tensor]
     draws: bool
+
+
+# A view, and the homography (3, 3) from its canonical frame into that of a jittered camera.
+_Jittered = tuple[EdgeView, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -174,7 +185,7 @@ class _Training:
             _Stage(config.second_epochs, config.latent_rate, list(second.parameters()), same_code, False),
         )
 
-    def run(self, progress: Progress | None, watch: Watch | None = None) -> None:
+    def run(self, workers: Executor, progress: Progress | None, watch: Watch | None = None) -> None:
         """All stages, from the checkpoint if there is a fitting one."""
         total = sum(stage.epochs for stage in self._stages)
         start = load_checkpoint(self._path, self._belongs_to) if self._path is not None else None
@@ -191,7 +202,8 @@ class _Training:
             else:
                 self._losses.append(0.0)
             for epoch in range(first_epoch, stage.epochs):
-                self._losses[-1] = self._epoch(number, stage, epoch, steps)
+                # Without images a step is over before two threads have begun.
+                self._losses[-1] = self._epoch(number, stage, epoch, steps, workers if stage.draws else None)
                 done += 1
                 if number == 0 and epoch + 1 == stage.epochs:
                     self._reconstructions = self._reconstruct()
@@ -201,25 +213,35 @@ class _Training:
                 if watch is not None:
                     watch(self._watched(number, epoch + 1, done, total))
 
-    def _epoch(self, number: int, stage: _Stage, epoch: int, steps: OrthogonalSteps) -> float:
+    def _epoch(self, number: int, stage: _Stage, epoch: int, steps: OrthogonalSteps, workers: Executor | None) -> float:
         per_epoch = math.ceil(len(self._views) / self._config.batch)
+
+        def mean_loss(jittered: Sequence[_Jittered]) -> Tensor:
+            return stage.batch_loss(self._batch(jittered, stage.draws))
+
         losses = []
-        for index, batch in enumerate(self._batches(number, epoch, stage.draws)):
-            loss = stage.batch_loss(batch)
+        for index, jittered in enumerate(self._jittered(number, epoch)):
+            found = halves_gradient(jittered, mean_loss, steps.parameters, workers)
             share = (epoch * per_epoch + index + 1) / (stage.epochs * per_epoch)
-            steps.step(loss, stage.rate * one_cycle(share))
-            losses.append(loss.item())
+            steps.step(found.gradients, stage.rate * one_cycle(share), workers)
+            losses.append(found.loss)
         return float(np.mean(losses))
 
-    def _batches(self, number: int, epoch: int, draws: bool) -> Iterator[_Batch]:
+    def _jittered(self, number: int, epoch: int) -> Iterator[list[_Jittered]]:
+        """The batches of an epoch: every view once, each by a jittered camera of its own."""
         rng, images = self._rng(number, epoch + 1), self._config.images
         order = rng.permutation(len(self._views))
         for start in range(0, len(order), self._config.batch):
             views = [self._views[row] for row in order[start : start + self._config.batch]]
             homographies = jitter_homographies([view.frame for view in views], images, rng)
-            drawn = draw_views(views, homographies, images.line_sigma_px)[:, None] if draws else np.empty(0, np.float32)
-            points = self._control_points(views, homographies)
-            yield _Batch(torch.from_numpy(drawn), {name: torch.from_numpy(value) for name, value in points.items()})
+            yield list(zip(views, homographies, strict=True))
+
+    def _batch(self, jittered: Sequence[_Jittered], draws: bool) -> _Batch:
+        views, homographies = [view for view, _ in jittered], np.stack([h for _, h in jittered])
+        sigma_px = self._config.images.line_sigma_px
+        drawn = draw_views(views, homographies, sigma_px)[:, None] if draws else np.empty(0, np.float32)
+        points = self._control_points(views, homographies)
+        return _Batch(torch.from_numpy(drawn), {name: torch.from_numpy(value) for name, value in points.items()})
 
     def _control_points(self, views: list[EdgeView], homographies: FloatArray) -> dict[PointSet, Float32Array]:
         """(b, 8) by W: the control points that jittered cameras (b, 3, 3) see."""

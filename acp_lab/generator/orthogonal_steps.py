@@ -11,7 +11,8 @@ Source: K. Jordan et al., "Muon: an optimizer for hidden layers in neural networ
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
 
 import torch
 from torch import Tensor
@@ -35,9 +36,11 @@ def orthogonalised(matrix: Tensor, iterations: int = 5) -> Tensor:
     gram = wide @ wide.T
     identity = torch.eye(len(gram), dtype=gram.dtype)
     product = identity
-    for _ in range(iterations):
+    for k in range(iterations):
         round_ = a * identity + b * gram + c * gram @ gram
-        product, gram = round_ @ product, round_ @ gram @ round_
+        product = round_ if k == 0 else round_ @ product
+        if k + 1 < iterations:
+            gram = round_ @ gram @ round_
     made = product @ wide
     return made.T if matrix.shape[0] > matrix.shape[1] else made
 
@@ -51,19 +54,32 @@ class OrthogonalSteps:
         self.second = [torch.zeros_like(p) if p.ndim < 2 else torch.zeros(0) for p in self.parameters]
         self.count = 0
 
-    def step(self, loss: Tensor, rate: float) -> None:
-        """Move the parameters against the gradient of a loss (); `rate` is the size of the step."""
-        gradients = torch.autograd.grad(loss, self.parameters)
+    def step(self, gradients: Sequence[Tensor], rate: float, workers: Executor | None = None) -> None:
+        """Move the parameters against the gradients of a loss, one for each.
+
+        Args:
+            rate: size of the step.
+            workers: threads to share the layers among, the costly ones first; None takes them in turn.
+        """
         self.count += 1
-        with torch.no_grad():
-            for p, g, first, second in zip(self.parameters, gradients, self.first, self.second, strict=True):
-                if p.ndim < 2:
-                    self._vector_step(p, g, first, second, rate)
-                else:
-                    first.lerp_(g, 1.0 - MOMENTUM)
-                    ahead = g.lerp(first, MOMENTUM).reshape(len(g), -1)
-                    step = orthogonalised(ahead) * max(1.0, ahead.shape[0] / ahead.shape[1]) ** 0.5
-                    p.sub_(step.reshape(p.shape), alpha=rate)
+
+        def of_parameter(index: int) -> None:
+            with torch.no_grad():  # which every thread has to say for itself
+                self._parameter_step(index, gradients[index], rate)
+
+        order = sorted(range(len(self.parameters)), key=lambda k: -_cost(self.parameters[k]))
+        for _ in (map if workers is None else workers.map)(of_parameter, order):
+            pass
+
+    def _parameter_step(self, index: int, g: Tensor, rate: float) -> None:
+        p, first, second = self.parameters[index], self.first[index], self.second[index]
+        if p.ndim < 2:
+            self._vector_step(p, g, first, second, rate)
+            return
+        first.lerp_(g, 1.0 - MOMENTUM)
+        ahead = g.lerp(first, MOMENTUM).reshape(len(g), -1)
+        step = orthogonalised(ahead) * max(1.0, ahead.shape[0] / ahead.shape[1]) ** 0.5
+        p.sub_(step.reshape(p.shape), alpha=rate)
 
     def _vector_step(self, p: Tensor, g: Tensor, first: Tensor, second: Tensor, rate: float) -> None:
         a, b = ADAM_BETAS
@@ -71,3 +87,11 @@ class OrthogonalSteps:
         second.lerp_(g * g, 1.0 - b)
         spread = (second / (1.0 - b**self.count)).sqrt() + 1e-8
         p.sub_(first / (1.0 - a**self.count) / spread, alpha=VECTOR_RATE * rate)
+
+
+def _cost(p: Tensor) -> float:
+    """Multiplications that making a step orthogonal takes: 17 products of the small square matrix, 2 with the wide."""
+    if p.ndim < 2:
+        return 0.0
+    small, large = sorted((p.shape[0], p.numel() // p.shape[0]))
+    return 17.0 * small**3 + 2.0 * small**2 * large

@@ -77,6 +77,14 @@ def test_the_same_seed_gives_the_same_networks(
     assert not np.array_equal(other.grid, in_one_go.grid)
 
 
+def test_more_threads_change_nothing(
+    part: Part, caster: RayCaster, w_obj: FloatArray, in_one_go: TrainedRegion
+) -> None:
+    torch.set_num_threads(3)  # the fixture sets it back
+    assert_same(in_one_go, train_autoencoder(part, caster, REGION, w_obj, TINY, seed=3))
+    assert torch.get_num_threads() == 3
+
+
 @pytest.mark.parametrize("stops", [(1,), (2,), (3, 5), (6,)], ids=str)
 def test_an_interrupted_training_goes_on_to_the_same_numbers(
     part: Part, caster: RayCaster, w_obj: FloatArray, in_one_go: TrainedRegion, stops: tuple[int, ...], tmp_path: Path

@@ -30,7 +30,7 @@ def test_a_least_squares_fit_is_found() -> None:
     steps = OrthogonalSteps(layer.parameters())
     for k in range(150):
         loss = (layer(inputs) - goal(inputs)).square().mean()
-        steps.step(loss, 0.1 * (1.0 - k / 150))
+        steps.step(torch.autograd.grad(loss, steps.parameters), 0.1 * (1.0 - k / 150))
     assert steps.count == 150
     assert float((layer.weight - goal.weight).detach().abs().max()) < 0.1
     assert float((layer.bias - goal.bias).detach().abs().max()) < 0.05
@@ -41,7 +41,18 @@ def test_convolutions_are_taken_as_matrices() -> None:
     convolution = torch.nn.Conv2d(3, 5, 3)
     before = convolution.weight.detach().clone()
     steps = OrthogonalSteps(convolution.parameters())
-    steps.step(convolution(torch.randn(2, 3, 6, 6)).square().mean(), 0.1)
+    loss = convolution(torch.randn(2, 3, 6, 6)).square().mean()
+    steps.step(torch.autograd.grad(loss, steps.parameters), 0.1)
     moved = (before - convolution.weight.detach()).reshape(5, -1)
     values = torch.linalg.svdvals(moved / 0.1)
     assert 0.5 < float(values.min()) <= float(values.max()) < 1.4
+
+
+def test_the_polynomial_is_that_of_the_method() -> None:
+    torch.manual_seed(0)
+    made = wide = torch.randn(4, 9, dtype=torch.float64)
+    made = made / (wide.norm() + 1e-7)
+    for _ in range(5):
+        gram = made @ made.T
+        made = 3.4445 * made + (-4.7750 * gram + 2.0315 * gram @ gram) @ made
+    torch.testing.assert_close(orthogonalised(wide), made, rtol=1e-9, atol=1e-9)
