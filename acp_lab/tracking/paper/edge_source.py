@@ -74,6 +74,15 @@ class EdgeSource(Protocol):
         """The edges of I (4, 2) px."""
         ...
 
+    def settled(
+        self, view: View, control_points: np.ndarray, cam_T_obj: np.ndarray, edges: GeneratedEdges
+    ) -> GeneratedEdges:
+        """The edges of I (4, 2) px with its pose (4, 4), given the `edges` of an I nearby.
+
+        Sources that know which samples these show only move them: which ones show changes more slowly.
+        """
+        ...
+
     def flow(self, view: View, control_points: np.ndarray, edges: GeneratedEdges, by_differences: bool) -> np.ndarray:
         """(n, 2, 8) how the edge points that `generate` gave for I move by I, when edges are generated anew."""
         ...

@@ -23,7 +23,7 @@ from acp_lab.generator.image_generator import AutoencoderGenerator, PointSet
 from acp_lab.geometry.homography import apply_homography
 from acp_lab.tracking.contour_offsets import ContourOffsets
 from acp_lab.tracking.paper.edge_source import DIFFERENCE_PX, View
-from acp_lab.tracking.paper.rigid_source import project_with_offsets, rigid_flow
+from acp_lab.tracking.paper.rigid_source import project_again, project_with_offsets, rigid_flow
 
 Reader = Callable[[np.ndarray, float], RidgePoints]
 
@@ -55,6 +55,12 @@ class RidgeSource:
         tangents /= np.maximum(np.hypot(tangents[:, 0], tangents[:, 1]), 1e-12)[:, None]
         points = apply_homography(view.image_H_canonical, found.points)
         return GeneratedEdges(points, tangents, found.strengths, np.full(len(points), -1))
+
+    def settled(
+        self, view: View, control_points: np.ndarray, cam_T_obj: np.ndarray, edges: GeneratedEdges
+    ) -> GeneratedEdges:
+        """The edges of I, painted anew: ridges are nothing that could be moved."""
+        return self.generate(view, control_points)
 
     def flow(self, view: View, control_points: np.ndarray, edges: GeneratedEdges, by_differences: bool) -> np.ndarray:
         """(n, 2, 8), across the ridge only; NaN where lines fade or meet, which solvers leave out."""
@@ -119,6 +125,12 @@ class SampleSource:
         lit = np.flatnonzero(brightness > self._level)[: self._count]
         weights = np.minimum(brightness[lit] / (_FULL_WEIGHT * self._level), 1.0)
         return GeneratedEdges(drawn.points[lit], drawn.tangents[lit], weights, drawn.sample_ids[lit])
+
+    def settled(
+        self, view: View, control_points: np.ndarray, cam_T_obj: np.ndarray, edges: GeneratedEdges
+    ) -> GeneratedEdges:
+        """The same samples at the pose (4, 4)."""
+        return project_again(self._offsets, edges, view, cam_T_obj)
 
     def flow(self, view: View, control_points: np.ndarray, edges: GeneratedEdges, by_differences: bool) -> np.ndarray:
         """(n, 2, 8), see `rigid_flow`: which samples show changes slowly, where they are is the pose of I."""

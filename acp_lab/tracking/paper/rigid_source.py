@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from acp_lab.cad.edges import facing
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, project_samples
 from acp_lab.tracking.contour_offsets import ContourOffsets
 from acp_lab.tracking.optimiser import image_directions
@@ -23,6 +25,12 @@ class RigidEdgeSource:
         pose = view.pose(control_points)
         return project_with_offsets(self._offsets, self._generator.visible(pose, view.region, self._count), view, pose)
 
+    def settled(
+        self, view: View, control_points: np.ndarray, cam_T_obj: np.ndarray, edges: GeneratedEdges
+    ) -> GeneratedEdges:
+        """The same samples at the pose (4, 4)."""
+        return project_again(self._offsets, edges, view, cam_T_obj)
+
     def flow(self, view: View, control_points: np.ndarray, edges: GeneratedEdges, by_differences: bool) -> np.ndarray:
         """(n, 2, 8), see `rigid_flow`."""
         return rigid_flow(view, control_points, self._offsets.edges.points_obj[edges.sample_ids], by_differences)
@@ -38,6 +46,12 @@ def project_with_offsets(
     expected = offsets.expect(visible.ids, visible.outline, directions @ cam_T_obj[:3, :3])
     points = drawn.points + expected.offsets_px[:, None] * drawn.normals
     return GeneratedEdges(points, drawn.tangents, drawn.weights, drawn.sample_ids)
+
+
+def project_again(offsets: ContourOffsets, edges: GeneratedEdges, view: View, cam_T_obj: np.ndarray) -> GeneratedEdges:
+    """Edge points of known samples moved to another pose (4, 4), with their weights as they were."""
+    outline = facing(offsets.edges, eye_position(cam_T_obj)).outline[edges.sample_ids]
+    return project_with_offsets(offsets, VisibleSamples(edges.sample_ids, outline, edges.weights), view, cam_T_obj)
 
 
 def rigid_flow(view: View, control_points: np.ndarray, points_obj: np.ndarray, by_differences: bool) -> np.ndarray:

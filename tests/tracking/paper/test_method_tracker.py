@@ -91,7 +91,7 @@ def test_pnp_of_the_reported_control_points_is_the_reported_pose(model: Prepared
 
 
 @pytest.mark.parametrize("name", ["homography", "pose"])
-def test_edges_are_generated_once_a_level_and_reported_where_they_ended(
+def test_edges_are_generated_once_a_level_and_reported_at_the_pose(
     name: str, plate: tuple[PreparedPart, MadeSequence], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model, sequence = plate
@@ -110,11 +110,10 @@ def test_edges_are_generated_once_a_level_and_reported_where_they_ended(
     result = tracker.track(frames[1])
     assert len(calls) == len(BASE.loss.schedule)
     assert result.edges is not None
-    # Moved from where the last level began to the result: near what the reported pose itself shows.
-    w = model.edges.points_obj[result.edges.sample_ids]
-    shown = CAMERA.project(w @ result.cam_T_obj[:3, :3].T + result.cam_T_obj[:3, 3])
-    assert np.abs(result.edges.points - shown).max() < 1.0
-    assert np.linalg.norm(result.edges.points - shown, axis=1).mean() < 0.3
+    # Where the reported pose has them, not where the homography took them (by up to 2 px elsewhere).
+    points_obj = model.edges.points_obj[result.edges.sample_ids]
+    shown = CAMERA.project(points_obj @ result.cam_T_obj[:3, :3].T + result.cam_T_obj[:3, 3])
+    np.testing.assert_allclose(result.edges.points, shown, atol=1e-6)
 
 
 def test_steps_and_target_are_there_when_asked_for(model: PreparedPart, sequence: MadeSequence) -> None:
