@@ -53,6 +53,11 @@ class View:
         return solve_planar_pnp(self.points_obj, control_points, self.camera).nearest(self.prior)
 
     @cached_property
+    def canonical_H_image(self) -> np.ndarray:
+        """(3, 3) from the image to the canonical frame."""
+        return np.linalg.inv(self.image_H_canonical)
+
+    @cached_property
     def prior_points(self) -> np.ndarray:
         """(4, 2) px: I of the prior."""
         return self.project(self.prior)

@@ -74,7 +74,7 @@ class RidgeSource:
         to_image = np.einsum("nij,nj->ni", _local_scale(view.image_H_canonical, found.points), found.normals)
         # I comes into the canonical frame by the inverse homography, each control point by its own 2x2 scale there.
         to_canonical = np.zeros((8, 8))
-        for k, local in enumerate(_local_scale(np.linalg.inv(view.image_H_canonical), control_points)):
+        for k, local in enumerate(_local_scale(view.canonical_H_image, control_points)):
             to_canonical[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = local
         flow: np.ndarray = to_image[:, :, None] * (across @ to_canonical)[:, None, :]
         return flow
@@ -139,7 +139,7 @@ class SampleSource:
 
 def view_to_canonical(view: View, points: np.ndarray) -> np.ndarray:
     """Points (n, 2) px of the image in the view's canonical frame."""
-    return apply_homography(np.linalg.inv(view.image_H_canonical), points)
+    return apply_homography(view.canonical_H_image, points)
 
 
 def _local_scale(homography: np.ndarray, points: np.ndarray) -> np.ndarray:
