@@ -52,6 +52,8 @@ Progress = Callable[[int, int], None]
 
 # The learning rate rises over this share of a stage, then falls along a cosine.
 WARM_UP = 0.2
+# A checkpoint of a training that computed its gradients otherwise would go on to other numbers.
+_METHOD = "half batches"
 GRID_ROWS = 8
 
 
@@ -80,6 +82,8 @@ def train_autoencoder(
     watch: Watch | None = None,
 ) -> TrainedRegion:
     """Train one region's generator, in two threads; the same seed gives the same weights on any number of cores.
+
+    Threads can be begun only while the program's main thread is alive: call it from there, or wait for it there.
 
     Args:
         regressed_points: (4, 3) mm, the region's W; the middle section's is trained beside it.
@@ -134,7 +138,7 @@ class _Training:
         self._begin = time.perf_counter()
         self._region, self._config, self._seed, self._path = region.index, config, seed, checkpoint
         self._points_obj = points_obj
-        marks = (config, seed, region.index, part.sha256, [points_obj[name].tolist() for name in POINT_SETS])
+        marks = (_METHOD, config, seed, region.index, part.sha256, [points_obj[name].tolist() for name in POINT_SETS])
         self._belongs_to = hashlib.sha256(repr(marks).encode()).hexdigest()
 
         images = config.images

@@ -43,14 +43,14 @@ def homography_from_points(src: FloatArray, dst: FloatArray) -> FloatArray:
 
     Solves `homography_system` between coordinates centred and scaled to about 1, because in raw pixels its
     columns differ by a factor of 1e6. Raises GeometryError when three points of a set are in line, or when H
-    sends the source's origin to infinity (then H33 = 0 and cannot be scaled to 1).
+    sends the source's origin to infinity (then H33 = 0 and cannot be scaled to 1) or its middle.
     """
     src, dst = _four_points(src, "source"), _four_points(dst, "destination")
     _refuse_flat(src, "source")
     _refuse_flat(dst, "destination")
     to_src, _ = _normalisation(src)
     to_dst, from_dst = _normalisation(dst)
-    h = np.linalg.solve(*homography_system(_move(to_src, src), _move(to_dst, dst)))
+    h = _solved(*homography_system(_move(to_src, src), _move(to_dst, dst)))
     homography = from_dst @ np.append(h, 1.0).reshape(3, 3) @ to_src
     if abs(homography[2, 2]) < 1e-12 * np.abs(homography[2]).max():
         raise GeometryError("homography sends pixel (0, 0) to infinity, H33 = 0: choose other points")
@@ -82,12 +82,15 @@ class QuadWarp:
         self._homogeneous[:, :2] = _move(to_src, np.asarray(points, dtype=np.float64))
 
     def to(self, dst: FloatArray) -> WarpedPoints:
-        """The points when the four are at dst (4, 2); raises GeometryError when three of those are in line."""
+        """The points when the four are at dst (4, 2).
+
+        Raises GeometryError when three of those are in line, or when H sends the middle of src to infinity.
+        """
         dst = _four_points(dst, "destination")
         _refuse_flat(dst, "destination")
         to_dst, from_dst = _normalisation(dst)
         system, moved = homography_system(self._corners, _move(to_dst, dst))
-        h = np.asarray(np.linalg.solve(system, moved), dtype=np.float64)
+        h = _solved(system, moved)
         with np.errstate(divide="ignore", invalid="ignore"):
             over_w = self._homogeneous / (self._homogeneous @ np.append(h[6:], 1.0))[:, None]
         return WarpedPoints(self._corners, system, h, from_dst, over_w)
@@ -189,6 +192,13 @@ def extent(points: FloatArray) -> float:
     """The largest distance between two of a few points (n, 2)."""
     corners = points.tolist()
     return max(math.dist(p, q) for i, p in enumerate(corners) for q in corners[:i])
+
+
+def _solved(system: FloatArray, moved: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.solve(system, moved), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise GeometryError("homography sends the middle of its source to infinity: choose other points") from None
 
 
 def _four_points(points: FloatArray, name: str) -> FloatArray:

@@ -86,7 +86,7 @@ class TrackResult:
         quality: in [0, 1]; mean score of the best image edge found per generated edge point.
         state: tracking, weak or lost.
         region: index 0..5 of the view region whose W is in use.
-        edges: the edge points generated at the final pose, None where nothing was seen.
+        edges: the edge points generated last, at the final pose; None where nothing was seen.
         residuals_px: (n,) signed distance along the normal from each generated edge point to the
             image edge assigned to it, NaN where none was; None where nothing was seen.
         iterations: Gauss-Newton steps taken.

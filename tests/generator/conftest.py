@@ -33,7 +33,7 @@ def templates(part: Part, edges: EdgeSamples, caster: RayCaster) -> TemplateGene
     return build_templates(part, edges, caster)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def one_torch_thread() -> Iterator[None]:
     """Matrices this small gain nothing from a second one, and two that wait for each other on a busy machine crawl."""
     import torch

@@ -169,6 +169,14 @@ def test_tangents_of_hanging_points_against_differences(src: FloatArray, dst: Fl
     np.testing.assert_allclose(QuadWarp(src, points).to(dst).tangents(tangents), expected, atol=1e-3)
 
 
+def test_a_middle_sent_to_infinity_is_refused() -> None:
+    middle_away = np.array([[0.0, 0.0], [0.0, 1.0], [2.0, 0.0], [2.0, 1.0]])
+    with pytest.raises(GeometryError, match="infinity"):
+        QuadWarp(SQUARE, SQUARE).to(middle_away)
+    with pytest.raises(GeometryError, match="infinity"):
+        homography_from_points(SQUARE, middle_away)
+
+
 def test_three_in_line_have_no_warp() -> None:
     line = np.array([[0.0, 0.0], [50.0, 50.0], [100.0, 100.0], [0.0, 100.0]])
     with pytest.raises(GeometryError, match="source"):

@@ -46,7 +46,7 @@ class View:
     def pose(self, control_points: np.ndarray) -> np.ndarray:
         """(4, 4) cam_T_obj by PnP of I (4, 2), of its two solutions the one nearer to the prior (paper IV-B).
 
-        Raises GeometryError where I is degenerate.
+        Raises GeometryError where I is degenerate, unless it is that of the prior.
         """
         if np.array_equal(control_points, self.prior_points):
             return self.prior  # where most frames start; PnP would say the same

@@ -67,10 +67,11 @@ class DistanceTarget:
         """Distance and gradient at points (n, 2) px of the full image with edge normals (n, 2).
 
         Outside the crop the border's value is read, grown by the way to the border, so that a point which left the
-        crop is far from everything.
+        crop is far from everything, and one that is nowhere (NaN) infinitely far.
         """
         height, width = self.edges.shape
-        x, y = (points - self.origin).T
+        # A point on the vanishing line has no place; it, too, is far from everything.
+        x, y = np.nan_to_num(points - self.origin, nan=np.inf, posinf=np.inf, neginf=-np.inf).T
         inside_x = np.minimum(np.maximum(x, 0.0), width - 1.001)
         inside_y = np.minimum(np.maximum(y, 0.0), height - 1.001)
         column, row = inside_x.astype(np.intp), inside_y.astype(np.intp)
@@ -83,7 +84,8 @@ class DistanceTarget:
         outside = np.stack([x - inside_x, y - inside_y], 1)
         way = np.hypot(outside[:, 0], outside[:, 1])
         left = way > 0.0
-        gradients[left] = outside[left] / way[left, None]
+        with np.errstate(invalid="ignore"):  # infinitely far there is no direction; solvers leave NaN out
+            gradients[left] = outside[left] / way[left, None]
         return Distances(top + v * (bottom - top) + way, gradients)
 
     def _layers(self, normals: np.ndarray) -> np.ndarray:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from acp_lab.cad.edges import facing
 from acp_lab.cad.part import Part
 from acp_lab.control_points.canonical_frame import canonical_frame, eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
 from acp_lab.errors import GeometryError
-from acp_lab.generator.base import GeneratedEdges
+from acp_lab.generator.base import GeneratedEdges, VisibleSamples
 from acp_lab.generator.edge_points import ridge
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import homography_from_points
@@ -23,7 +24,7 @@ from acp_lab.tracking.paper.frame_solver import RigidWish
 from acp_lab.tracking.paper.lift import EdgeLifter
 from acp_lab.tracking.paper.motion import HomographyMotion, Motion, RegeneratedMotion, RigidMotion
 from acp_lab.tracking.paper.painted_source import RidgeSource, SampleSource, view_to_canonical
-from acp_lab.tracking.paper.rigid_source import RigidEdgeSource
+from acp_lab.tracking.paper.rigid_source import RigidEdgeSource, project_with_offsets
 from tests.made_parts import looking_at
 from tests.tracking.rendered import CAMERA
 
@@ -189,6 +190,35 @@ def test_painted_points_lie_on_the_ridges(view: View) -> None:
     back = homography_from_points(start, canonical)
     rows = np.column_stack([edges.points, np.ones(len(edges))]) @ back.T
     np.testing.assert_allclose(rows[:, :2] / rows[:, 2:], found.points, atol=1e-3)
+
+
+def test_settled_edges_are_the_same_samples_at_the_pose(view: View, model: PreparedPart) -> None:
+    # Broken edges, so that samples have offsets, and a pose from which another face is the outline's outer one.
+    offsets = ContourOffsets(model.edges, model.part.diameter, 0.8, OffsetConfig())
+    pose = move_pose(view.prior, view.centre_obj, np.array([0.05, -0.08, 0.06, 2.0, -1.0, 3.0]))
+    start, points = view.prior_points, view.project(pose)
+    rigid = RigidEdgeSource(model.best_generator(), offsets, 200)
+    painted = SampleSource(LeftHalf(), "regressed", offsets, 0.05, 300)  # type: ignore[arg-type]
+    for source in (rigid, painted):
+        before = source.generate(view, start)
+        after = source.settled(view, points, pose, before)
+        np.testing.assert_array_equal(after.sample_ids, before.sample_ids)
+        np.testing.assert_array_equal(after.weights, before.weights)
+        outline = facing(model.edges, eye_position(pose)).outline[before.sample_ids]
+        visible = VisibleSamples(before.sample_ids, outline, before.weights)
+        expected = project_with_offsets(offsets, visible, view, pose)
+        np.testing.assert_array_equal(after.points, expected.points)
+        bare = CAMERA.project(model.edges.points_obj[after.sample_ids] @ pose[:3, :3].T + pose[:3, 3])
+        assert np.abs(after.points - bare).max() > 0.2
+        assert np.abs(after.points - before.points).max() > 1.0
+
+
+def test_settled_ridges_are_painted_anew(view: View) -> None:
+    source = RidgeSource(PaintedLines(), "regressed", ridge, 0.3, 400)  # type: ignore[arg-type]
+    before = source.generate(view, view.prior_points)
+    points = view.prior_points + np.array([0.6, -0.4])
+    after = source.settled(view, points, view.prior, before)
+    np.testing.assert_array_equal(after.points, source.generate(view, points).points)
 
 
 def test_the_rigid_wish_sees_what_no_rigid_motion_makes(view: View, rng: np.random.Generator) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from acp_lab.geometry.arrays import ByteImage
+from acp_lab.imaging.distance import distance_map
 from acp_lab.tracking.paper.target import DistanceTarget, TargetConfig, distance_target
 
 WHOLE = (0, 0, 90, 70)
@@ -66,6 +67,16 @@ def test_a_point_that_left_the_crop_is_far_and_knows_the_way_out(square: ByteIma
     near, far = crop.distances(inside, normal), crop.distances(outside, normal)
     assert far.values[0] == pytest.approx(near.values[0] + 30.0, abs=0.1)
     np.testing.assert_allclose(far.gradients, [[-1.0, 0.0]], atol=1e-6)
+
+
+def test_a_point_that_is_nowhere_is_far_from_everything() -> None:
+    edges = np.zeros((20, 21), bool)
+    edges[5, 5] = True
+    target = DistanceTarget(edges, distance_map(edges)[None], (3, 4))
+    points = np.array([[8.0, 9.0], [np.nan, np.nan], [np.inf, 2.0], [5.0, -np.inf]])
+    found = target.distances(points, np.tile([1.0, 0.0], (4, 1)))
+    assert found.values[0] == 0.0
+    assert (found.values[1:] == np.inf).all()
 
 
 def test_a_direction_sees_only_its_own_edges() -> None:
