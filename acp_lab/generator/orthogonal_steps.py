@@ -53,6 +53,7 @@ class OrthogonalSteps:
         self.first = [torch.zeros_like(p) for p in self.parameters]
         self.second = [torch.zeros_like(p) if p.ndim < 2 else torch.zeros(0) for p in self.parameters]
         self.count = 0
+        self._costly_first = sorted(range(len(self.parameters)), key=lambda k: -_cost(self.parameters[k]))
 
     def step(self, gradients: Sequence[Tensor], rate: float, workers: Executor | None = None) -> None:
         """Move the parameters against the gradients of a loss, one for each.
@@ -67,9 +68,8 @@ class OrthogonalSteps:
             with torch.no_grad():  # which every thread has to say for itself
                 self._parameter_step(index, gradients[index], rate)
 
-        order = sorted(range(len(self.parameters)), key=lambda k: -_cost(self.parameters[k]))
-        for _ in (map if workers is None else workers.map)(of_parameter, order):
-            pass
+        # A worker's error comes out only where its result is taken.
+        list((map if workers is None else workers.map)(of_parameter, self._costly_first))
 
     def _parameter_step(self, index: int, g: Tensor, rate: float) -> None:
         p, first, second = self.parameters[index], self.first[index], self.second[index]

@@ -45,13 +45,9 @@ def homography_from_points(src: FloatArray, dst: FloatArray) -> FloatArray:
     columns differ by a factor of 1e6. Raises GeometryError when three points of a set are in line, or when H
     sends the source's origin to infinity (then H33 = 0 and cannot be scaled to 1) or its middle.
     """
-    src, dst = _four_points(src, "source"), _four_points(dst, "destination")
-    _refuse_flat(src, "source")
-    _refuse_flat(dst, "destination")
-    to_src, _ = _normalisation(src)
-    to_dst, from_dst = _normalisation(dst)
-    h = _solved(*homography_system(_move(to_src, src), _move(to_dst, dst)))
-    homography = from_dst @ np.append(h, 1.0).reshape(3, 3) @ to_src
+    source, destination = _unit_quad(src, "source"), _unit_quad(dst, "destination")
+    h = _solved(*homography_system(source.corners, destination.corners))
+    homography = destination.back @ np.append(h, 1.0).reshape(3, 3) @ source.to
     if abs(homography[2, 2]) < 1e-12 * np.abs(homography[2]).max():
         raise GeometryError("homography sends pixel (0, 0) to infinity, H33 = 0: choose other points")
     scaled: FloatArray = homography / homography[2, 2]
@@ -74,26 +70,22 @@ class QuadWarp:
     """
 
     def __init__(self, src: FloatArray, points: FloatArray) -> None:
-        src = _four_points(src, "source")
-        _refuse_flat(src, "source")
-        to_src, _ = _normalisation(src)
-        self._corners = _move(to_src, src)
+        source = _unit_quad(src, "source")
+        self._corners = source.corners
         self._homogeneous = np.ones((len(points), 3))
-        self._homogeneous[:, :2] = _move(to_src, np.asarray(points, dtype=np.float64))
+        self._homogeneous[:, :2] = _move(source.to, np.asarray(points, dtype=np.float64))
 
     def to(self, dst: FloatArray) -> WarpedPoints:
         """The points when the four are at dst (4, 2).
 
         Raises GeometryError when three of those are in line, or when H sends the middle of src to infinity.
         """
-        dst = _four_points(dst, "destination")
-        _refuse_flat(dst, "destination")
-        to_dst, from_dst = _normalisation(dst)
-        system, moved = homography_system(self._corners, _move(to_dst, dst))
+        destination = _unit_quad(dst, "destination")
+        system, moved = homography_system(self._corners, destination.corners)
         h = _solved(system, moved)
         with np.errstate(divide="ignore", invalid="ignore"):
             over_w = self._homogeneous / (self._homogeneous @ np.append(h[6:], 1.0))[:, None]
-        return WarpedPoints(self._corners, system, h, from_dst, over_w)
+        return WarpedPoints(self._corners, system, h, destination.back, over_w)
 
 
 @dataclass(frozen=True)
@@ -216,15 +208,26 @@ def _refuse_flat(quad: FloatArray, name: str) -> None:
         raise GeometryError(f"{name} points {quad.tolist()}: three in line, no homography: move one")
 
 
-def _normalisation(quad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The similarity that centres four points and scales them to about 1, and its inverse, (3, 3) each."""
-    # Plain numbers: on so few, NumPy's calls would take three times as long.
+@dataclass(frozen=True)
+class _UnitQuad:
+    """corners: (4, 2) four points, centred and scaled to about 1; to, back: (3, 3) similarities that do and undo it."""
+
+    corners: FloatArray
+    to: FloatArray
+    back: FloatArray
+
+
+def _unit_quad(points: FloatArray, name: str) -> _UnitQuad:
+    """Four points (4, 2) px in coordinates of their own; GeometryError, with `name`, when three are in line."""
+    quad = _four_points(points, name)
+    _refuse_flat(quad, name)
+    # Plain numbers: on so few, NumPy's calls take four times as long.
     xs, ys = quad.T.tolist()
     x, y = 0.25 * sum(xs), 0.25 * sum(ys)
     size = max(max(xs) - x, x - min(xs), max(ys) - y, y - min(ys))
     to = np.array([[1.0 / size, 0.0, -x / size], [0.0, 1.0 / size, -y / size], [0.0, 0.0, 1.0]])
     back = np.array([[size, 0.0, x], [0.0, size, y], [0.0, 0.0, 1.0]])
-    return to, back
+    return _UnitQuad(_move(to, quad), to, back)
 
 
 def _move(similarity: FloatArray, points: FloatArray) -> FloatArray:

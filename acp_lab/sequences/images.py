@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,7 +35,7 @@ _UNCOUNTED = 2
 """Frames by which the headers of sound videos are off."""
 
 
-class _OwnImages:
+class _OwnImages(ABC):
     """What the three sources share: one camera, no truth, frames undistorted as they come."""
 
     scene_id = 1
@@ -64,8 +65,8 @@ class _OwnImages:
         """Always SequenceError."""
         raise SequenceError(f"{self.name}: has no true pose: give a start pose, as read_pose('POSE.json')")
 
-    def _read(self) -> Iterator[Frame | UnreadableFrame]:
-        raise NotImplementedError
+    @abstractmethod
+    def _read(self) -> Iterator[Frame | UnreadableFrame]: ...
 
     def _frame(self, index: int, image: ByteImage, source: str, time_s: float | None = None) -> Frame | UnreadableFrame:
         misfit = self._misfit(image, source)

@@ -119,7 +119,7 @@ class ContourOffsets:
                 (`optimiser.image_directions` turned by the pose).
         """
         config = self.config
-        scale = np.sqrt(np.einsum("nj,nj->n", directions_obj, directions_obj))
+        scale = np.linalg.norm(directions_obj, axis=1)
         # Which way along the image normal leads off the material.
         outward = np.sign(np.einsum("nj,nj->n", directions_obj, self._outward_obj[ids]))
         px_per_mm = np.where(outline, outward, 1.0) * scale

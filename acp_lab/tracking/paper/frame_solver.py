@@ -39,8 +39,7 @@ class SolvedFrame:
     Attributes:
         control_points: (4, 2) px; cam_T_obj: (4, 4) of them.
         edges: those of the last level, where the pose has them; painted anew, at I, where they are ridges.
-        loss: e(I) on the last level.
-        steps: when recorded.
+        loss: e(I) on the last level; iterations: of the solver, on all levels; steps: each of them, when recorded.
     """
 
     control_points: np.ndarray

@@ -58,8 +58,7 @@ class MethodConfig:
         carry: what goes on to the next frame: "points", I itself as in the paper, lets the two directions drift that no
             rigid motion makes; "pose" is the I of the pose that PnP found.
         learned_weights: let edge points of a rigid generator remember what their image edges looked like and how
-        steadily
-            they were found (needs search along normals).
+            steadily they were found (needs search along normals).
     """
 
     name: str = "acp-paper"

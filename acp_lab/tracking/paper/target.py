@@ -76,7 +76,6 @@ class DistanceTarget:
         inside_y = np.minimum(np.maximum(y, 0.0), height - 1.001)
         column, row = inside_x.astype(np.intp), inside_y.astype(np.intp)
         u, v = inside_x - column, inside_y - row
-        # One flat index for the four neighbours: reading them is much of what an optimiser's step costs.
         pixel = (self._layers(normals) * height + row) * width + column
         a, b, c, d = (self.maps.take(pixel + step) for step in (0, 1, width, width + 1))
         top, bottom = a + u * (b - a), c + u * (d - c)
