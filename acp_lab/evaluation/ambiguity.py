@@ -33,8 +33,8 @@ from acp_lab.evaluation.silhouettes import (
 )
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
 from acp_lab.imaging.chamfer import chamfer
-from acp_lab.tracking.optimiser import move_pose
 
 _SEARCH_SIZE = 96
 _FINAL_SIZE = 256

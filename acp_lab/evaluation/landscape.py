@@ -24,9 +24,9 @@ from acp_lab.evaluation.manipulation import view_of
 from acp_lab.generator.base import GeneratedEdges, project_samples
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import so3_log
+from acp_lab.geometry.pose_step import centre_position
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.paper.losses import LossForm, edge_loss, reference_bce
 from acp_lab.tracking.paper.measure import DistanceMeasure
 from acp_lab.tracking.paper.motion import HomographyMotion, Motion, RigidMotion

@@ -18,8 +18,8 @@ from acp_lab.evaluation.metrics import add_mm
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import control_point_jacobian
 from acp_lab.sequences.bop import BopScene
-from acp_lab.tracking.optimiser import control_point_jacobian
 from acp_lab.tracking.session import TrackRun
 
 _VERTICES = 500

@@ -31,7 +31,7 @@ from acp_lab.generator.base import image_tangents
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import homography_points_jacobian
 from acp_lab.geometry.pose import transform
-from acp_lab.tracking.optimiser import control_point_jacobian, image_directions, move_pose, step_jacobian
+from acp_lab.geometry.pose_step import control_point_jacobian, image_directions, move_pose, step_jacobian
 
 POSE_NAMES = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 POINT_NAMES = ("x1", "y1", "x2", "y2", "x3", "y3", "x4", "y4")

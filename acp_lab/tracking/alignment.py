@@ -16,7 +16,15 @@ from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, image_tangents, project_samples
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose_step import (
+    centre_position,
+    control_point_jacobian,
+    image_directions,
+    move_pose,
+    step_jacobian,
+)
 from acp_lab.tracking.contour_offsets import ContourOffsets, ExpectedOffsets
+from acp_lab.tracking.gauss_newton import gauss_newton_step
 from acp_lab.tracking.image_edges import (
     Candidates,
     ImagePatch,
@@ -27,14 +35,6 @@ from acp_lab.tracking.image_edges import (
 from acp_lab.tracking.loss import robust_loss, soft_assignment
 from acp_lab.tracking.memory import EdgeMemory
 from acp_lab.tracking.observer import TargetView, TrackStep
-from acp_lab.tracking.optimiser import (
-    centre_position,
-    control_point_jacobian,
-    gauss_newton_step,
-    image_directions,
-    move_pose,
-    step_jacobian,
-)
 from acp_lab.tracking.reliability import SampleReliability
 from acp_lab.tracking.stopwatch import Stopwatch
 

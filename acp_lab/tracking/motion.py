@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from acp_lab.geometry.pose import so3_exp, so3_log
-from acp_lab.tracking.optimiser import centre_position
+from acp_lab.geometry.pose_step import centre_position
 
 
 class ConstantVelocity:

@@ -17,13 +17,13 @@ from acp_lab.control_points.view_regions import choose_region
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.alignment import Aligner, Alignment, Level, SolverConfig
 from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
 from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
 from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
-from acp_lab.tracking.optimiser import centre_position, move_pose
 from acp_lab.tracking.reliability import ReliabilityConfig, SampleReliability
 from acp_lab.tracking.start import SEARCH_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch

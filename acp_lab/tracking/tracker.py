@@ -18,6 +18,7 @@ from acp_lab.control_points.view_regions import choose_region
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import rotation_angle_deg
+from acp_lab.geometry.pose_step import centre_position
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
@@ -27,7 +28,6 @@ from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
 from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.motion import ConstantVelocity
 from acp_lab.tracking.observer import Observer, TrackResult, TrackStep
-from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.quality import StateConfig, StateMachine
 from acp_lab.tracking.recovery import shifted_poses, try_poses
 from acp_lab.tracking.reliability import ReliabilityConfig, SampleReliability

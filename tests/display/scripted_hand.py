@@ -8,9 +8,9 @@ from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.display.widgets.pose_aligner import PoseAligner
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import so3_exp
+from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.optimiser import centre_position, move_pose
 
 
 def drag(canvas: PointCanvas, index: int, target: FloatArray, steps: int = 4) -> None:

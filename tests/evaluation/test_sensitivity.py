@@ -16,7 +16,7 @@ from acp_lab.evaluation.sensitivity import ALONE, Behaviour, SensitivityConfig, 
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.geometry.pose import transform
-from acp_lab.tracking.optimiser import move_pose
+from acp_lab.geometry.pose_step import move_pose
 from tests.made_parts import bracket
 
 PART = bracket(shift=(30.0, -10.0, 5.0))

@@ -15,9 +15,9 @@ from acp_lab.generator.templates import build_templates
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.optimiser import move_pose
 
 CAMERA = Camera(width=200, height=160, fx=320.0, fy=325.0, cx=99.5, cy=79.5)
 FINE = 3

@@ -10,11 +10,11 @@ import pytest
 from acp_lab.cad.part import Part
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
+from acp_lab.geometry.pose_step import centre_position
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking import start as start_module
 from acp_lab.tracking.contour_offsets import OUTLINE_SHARE_OF_BREAK
-from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.start import StartConfig
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker

@@ -15,8 +15,8 @@ from acp_lab.errors import GeometryError
 from acp_lab.evaluation.manipulation import Manipulated, ManipulationBench, ManipulationStudy
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.tracking.optimiser import centre_position, move_pose
 
 TURN_DEG = 5.0
 DEPTH_STEP = 0.05

@@ -29,10 +29,10 @@ from acp_lab.generator.base import GeneratedEdges, project_samples
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.planar_pnp import PlanarPnP, solve_planar_pnp
 from acp_lab.geometry.pose import make_pose, rotation_angle_deg, transform
+from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.json_file import write_pose
-from acp_lab.tracking.optimiser import centre_position, move_pose
 from acp_lab.tracking.snap import SnapResult, snap
 
 TURN_DEG = 15.0

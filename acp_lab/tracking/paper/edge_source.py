@@ -17,7 +17,7 @@ from acp_lab.control_points.canonical_frame import CanonicalFrame
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
-from acp_lab.tracking.optimiser import centre_position, control_point_jacobian, image_directions, step_jacobian
+from acp_lab.geometry.pose_step import centre_position, control_point_jacobian, image_directions, step_jacobian
 
 # For derivatives by differences: far from rounding, and the edges are nearly straight over it.
 DIFFERENCE_PX = 0.25

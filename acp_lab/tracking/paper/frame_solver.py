@@ -13,10 +13,10 @@ import numpy as np
 
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.pose_step import centre_position
 from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
 from acp_lab.tracking.memory import EdgeMemory
 from acp_lab.tracking.observer import TrackStep
-from acp_lab.tracking.optimiser import centre_position
 from acp_lab.tracking.paper.edge_source import EdgeSource, View
 from acp_lab.tracking.paper.lift import EdgeLifter
 from acp_lab.tracking.paper.measure import DistanceMeasure, SearchMeasure

@@ -16,9 +16,9 @@ from acp_lab.generator.edge_points import ridge
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import homography_from_points
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
+from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
-from acp_lab.tracking.optimiser import move_pose
 from acp_lab.tracking.paper.edge_source import EdgeSource, View, pose_flow
 from acp_lab.tracking.paper.frame_solver import RigidWish
 from acp_lab.tracking.paper.lift import EdgeLifter

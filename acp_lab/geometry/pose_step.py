@@ -1,10 +1,7 @@
-"""Gauss-Newton on the pose, damped in control-point pixels.
+"""A small step of a pose, and how points and control points in the image follow it.
 
-A pose step is six numbers about the part's own centre: rotation vector w (rad) and shift v (mm), in
-camera axes. Point-to-line residuals give the normal equations; the damping is mu times the squared
-motion of the four image control points, |J_cp step|^2, so that the step is limited in the image and
-no balance between radians and millimetres has to be chosen (the unit problem of paper Fig. 1).
-Deviation from paper IV-B, which frees all eight coordinates: here they move as a rigid part can.
+A pose step is six numbers about the part's own centre: rotation vector w (rad) and shift v (mm), in camera axes.
+About the centre, because the origin of a CAD file may lie far outside the part, where rotation and shift mix.
 """
 
 from __future__ import annotations
@@ -70,33 +67,3 @@ def control_point_jacobian(points_cam: np.ndarray, centre_cam: np.ndarray, camer
     jacobian[0::2] = step_jacobian(points_cam, along_x, centre_cam)
     jacobian[1::2] = step_jacobian(points_cam, along_y, centre_cam)
     return jacobian
-
-
-def gauss_newton_step(
-    jacobian: np.ndarray,
-    residuals: np.ndarray,
-    weights: np.ndarray,
-    control_jacobian: np.ndarray,
-    damping: float,
-) -> np.ndarray:
-    """The pose step (6,) that minimises  sum w (r - J s)^2 / sum w + damping |J_cp s|^2.
-
-    Args:
-        jacobian: (n, 6).
-        residuals: (n,) px still to go along the normals.
-        weights: (n,) not negative.
-        control_jacobian: (8, 6) of the image control points.
-        damping: mu, per squared px of control-point motion.
-
-    Returns:
-        (6,); zeros where nothing has weight or the system is singular.
-    """
-    total = float(weights.sum())
-    if not total > 0.0:
-        return np.zeros(6)
-    weighted = jacobian * weights[:, None]
-    hessian = weighted.T @ jacobian / total + damping * (control_jacobian.T @ control_jacobian)
-    try:
-        return np.linalg.solve(hessian, weighted.T @ residuals / total)
-    except np.linalg.LinAlgError:  # nothing tells some direction, and there is no damping
-        return np.zeros(6)

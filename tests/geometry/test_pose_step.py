@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import rotation_angle_deg, so3_exp, transform
-from acp_lab.tracking.optimiser import (
+from acp_lab.geometry.pose_step import (
     centre_position,
     control_point_jacobian,
-    gauss_newton_step,
     image_directions,
     move_pose,
     step_jacobian,
 )
+from acp_lab.tracking.gauss_newton import gauss_newton_step
 from tests.geometry.geometry_strategies import directions
 from tests.made_parts import box, looking_at
 
