@@ -26,6 +26,8 @@ LAYERS = (
     ("preparation",),
     ("tracking",),
     ("evaluation",),
+    ("diagnosis",),
+    ("studies",),
     ("display",),
     ("course",),
     ("commands", "doctor", "cli", "__main__"),

@@ -12,8 +12,8 @@ from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.course.answers import Hint, as_array, as_function, as_number, near
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import SAMPLE_OBJECT, sample_part, sample_scene
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray
+from acp_lab.studies.true_edges import TrueEdges
 
 ASKED_FRAME = 20
 

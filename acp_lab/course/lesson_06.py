@@ -10,10 +10,10 @@ import numpy as np
 from acp_lab.course.answers import Hint, as_array, as_choice, as_function, as_number, near
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import sample_part, sample_scene
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.imaging.canny import canny
 from acp_lab.imaging.distance import distance_map
 from acp_lab.sequences.frame import Frame
+from acp_lab.studies.true_edges import TrueEdges
 from acp_lab.tracking.paper.losses import geman_mcclure, tukey
 
 PLACES = ("on the edge", "just below alpha", "just above alpha", "far away")

@@ -11,8 +11,8 @@ from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.course.answers import Hint, as_array, as_choices, as_function, as_number, near
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import SAMPLE_REGION, sample_part, sample_scene
-from acp_lab.evaluation.redundancy import redundant_directions, rigid_share
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.studies.redundancy import redundant_directions, rigid_share
 
 WAYS = ("condition", "gradient descent", "Gauss-Newton")
 _CLOSE = 0.01

@@ -14,10 +14,10 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.motion_pairs import stroke_ends, visible_rows
 from acp_lab.display.colours import BLUE, VERMILLION
-from acp_lab.evaluation.ambiguity import Ambiguities, AmbiguousPair
-from acp_lab.evaluation.distinction import shaded_picture
-from acp_lab.evaluation.silhouettes import outer_contour
 from acp_lab.geometry.camera import Camera
+from acp_lab.studies.ambiguity import Ambiguities, AmbiguousPair
+from acp_lab.studies.distinction import shaded_picture
+from acp_lab.studies.silhouettes import outer_contour
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

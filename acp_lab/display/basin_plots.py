@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acp_lab.display.colours import OBJECT_COLOURS
-from acp_lab.evaluation.basin import Basin
+from acp_lab.studies.basin import Basin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

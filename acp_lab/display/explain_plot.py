@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acp_lab.diagnosis.causes import DiagnosisConfig
+from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose
+from acp_lab.diagnosis.frame_evidence import NEAR_PX
 from acp_lab.display.colours import BLUE, GREY, SKY, VERMILLION
 from acp_lab.errors import InputFileError
-from acp_lab.evaluation.causes import DiagnosisConfig
-from acp_lab.evaluation.diagnosis import Diagnosis, diagnose
-from acp_lab.evaluation.frame_evidence import NEAR_PX
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.session import TrackRun

@@ -13,9 +13,9 @@ import numpy as np
 from acp_lab.display.colours import OBJECT_COLOURS, residual_colours
 from acp_lab.display.look import START, UNKNOWN, WRONG, Colour
 from acp_lab.display.pictures import draw_strokes
-from acp_lab.evaluation.landscape import Descent, LossSlice
-from acp_lab.evaluation.loss_study import LossStudy
 from acp_lab.generator.base import GeneratedEdges
+from acp_lab.studies.landscape import Descent, LossSlice
+from acp_lab.studies.loss_study import LossStudy
 from acp_lab.tracking.paper.losses import LOSS_FORMS, LossForm, edge_loss
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 from acp_lab.display.colours import OBJECT_COLOURS
 from acp_lab.display.look import GENERATED, TRUTH, UNKNOWN
 from acp_lab.display.pictures import cut_to, draw_edges, draw_quad
-from acp_lab.evaluation.manipulation import Manipulated, ManipulationStudy
+from acp_lab.studies.manipulation import Manipulated, ManipulationStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

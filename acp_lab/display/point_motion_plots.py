@@ -14,8 +14,8 @@ from acp_lab.display.colours import OBJECT_COLOURS
 from acp_lab.display.look import GENERATED, POINTS, UNKNOWN, Colour
 from acp_lab.display.pictures import draw_quad
 from acp_lab.display.sensitivity_plots import draw_change_table
-from acp_lab.evaluation.redundancy import Drift
-from acp_lab.evaluation.sensitivity import SensitivityStudy
+from acp_lab.studies.redundancy import Drift
+from acp_lab.studies.sensitivity import SensitivityStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

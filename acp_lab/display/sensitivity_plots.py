@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from acp_lab.display.colours import BLUE, GREEN, GREY, ORANGE, PURPLE
-from acp_lab.evaluation.sensitivity import ALONE, POSE_NAMES, Behaviour, SensitivityStudy
+from acp_lab.studies.sensitivity import ALONE, POSE_NAMES, Behaviour, SensitivityStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

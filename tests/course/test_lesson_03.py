@@ -9,8 +9,8 @@ from acp_lab import course
 from acp_lab.cad.edges import facing
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.course.made_parts import knob, portrait
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.geometry.pose import transform
+from acp_lab.studies.true_edges import TrueEdges
 from tests.course.grading import hints, passes
 
 

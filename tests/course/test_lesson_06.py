@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from acp_lab import course
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.imaging import canny, distance_map
+from acp_lab.studies.true_edges import TrueEdges
 from tests.course.grading import hints, passes
 
 

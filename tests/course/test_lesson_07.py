@@ -8,7 +8,7 @@ import pytest
 from acp_lab import course
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.evaluation.redundancy import redundant_directions, rigid_share
+from acp_lab.studies.redundancy import redundant_directions, rigid_share
 from tests.course.grading import hints, passes
 
 

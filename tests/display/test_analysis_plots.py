@@ -9,9 +9,9 @@ from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.raycast import make_caster
 from acp_lab.display.ambiguity_plots import ambiguity_figure
 from acp_lab.display.basin_plots import basin_figure, draw_basin
-from acp_lab.evaluation.ambiguity import Ambiguities, AmbiguousPair
-from acp_lab.evaluation.basin import Basin
 from acp_lab.geometry.camera import Camera
+from acp_lab.studies.ambiguity import Ambiguities, AmbiguousPair
+from acp_lab.studies.basin import Basin
 from tests.made_parts import bracket, looking_at
 
 

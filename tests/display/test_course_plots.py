@@ -13,12 +13,12 @@ from acp_lab.display.loss_plots import draw_erased, draw_found, draw_landscape, 
 from acp_lab.display.manipulation_plots import draw_growth, draw_ways
 from acp_lab.display.point_motion_plots import draw_descents, draw_directions, draw_drifts
 from acp_lab.display.region_plots import REGION_COLOURS, draw_box, draw_moved, draw_regions, draw_residuals, draw_tilts
-from acp_lab.evaluation.landscape import POSE_COORDINATES, Descent, LossSlice
-from acp_lab.evaluation.loss_study import LossStudy
-from acp_lab.evaluation.manipulation import Manipulated, ManipulationStudy
-from acp_lab.evaluation.redundancy import Drift
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.imaging.chamfer import Chamfer
+from acp_lab.studies.landscape import POSE_COORDINATES, Descent, LossSlice
+from acp_lab.studies.loss_study import LossStudy
+from acp_lab.studies.manipulation import Manipulated, ManipulationStudy
+from acp_lab.studies.redundancy import Drift
 from tests.made_parts import bracket
 
 QUAD = np.array([[10.0, 10.0], [60.0, 12.0], [62.0, 50.0], [8.0, 48.0]])

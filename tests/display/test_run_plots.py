@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from acp_lab.display.run_plots import add_percents, draw_found, draw_memory, draw_runs
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.frame_story import frame_story
 from acp_lab.sequences.altered import AlteredSequence
+from acp_lab.studies.frame_story import frame_story
 from acp_lab.tracking.observer import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker

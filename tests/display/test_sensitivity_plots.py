@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from acp_lab.display.sensitivity_plots import draw_change_table, draw_conditions, draw_cosines, sensitivity_figure
-from acp_lab.evaluation.sensitivity import POINT_NAMES, POSE_NAMES, Behaviour, SensitivityStudy
+from acp_lab.studies.sensitivity import POINT_NAMES, POSE_NAMES, Behaviour, SensitivityStudy
 
 
 def made_study(views: int = 5, motions: int = 8) -> SensitivityStudy:

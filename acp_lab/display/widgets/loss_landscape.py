@@ -14,10 +14,10 @@ from acp_lab.display.widgets.curve_plot import Curve, CurvePlot
 from acp_lab.display.widgets.overlay import Colour, Overlay, edge_strokes
 from acp_lab.display.widgets.point_canvas import Axis, PointCanvas
 from acp_lab.errors import GeometryError
-from acp_lab.evaluation.landscape import Coordinate, Descent, LossSlice, LossSurface, Space
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.studies.landscape import Coordinate, Descent, LossSlice, LossSurface, Space
 from acp_lab.tracking.paper.losses import LOSS_FORMS
 from acp_lab.tracking.paper.solvers import SolverConfig
 

@@ -12,11 +12,11 @@ from acp_lab.display.widgets.controls import Turn, button, motion_buttons, row, 
 from acp_lab.display.widgets.overlay import Overlay, edge_strokes
 from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.errors import GeometryError
-from acp_lab.evaluation.manipulation import Manipulated, ManipulationBench, ManipulationStudy
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
+from acp_lab.studies.manipulation import Manipulated, ManipulationBench, ManipulationStudy
 
 TURN_DEG = 5.0
 DEPTH_STEP = 0.05

@@ -12,11 +12,11 @@ from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.motion_pairs import stroke_ends, view_frame, visible_rows
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
-from acp_lab.evaluation.sensitivity import ALONE, Behaviour, SensitivityConfig, SensitivityStudy, sensitivity_study
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
+from acp_lab.studies.sensitivity import ALONE, Behaviour, SensitivityConfig, SensitivityStudy, sensitivity_study
 from tests.made_parts import bracket
 
 PART = bracket(shift=(30.0, -10.0, 5.0))

@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 
 from acp_lab.cad.raycast import make_caster
 from acp_lab.errors import GeometryError
-from acp_lab.evaluation.silhouettes import (
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import rotation_angle_deg, transform
+from acp_lab.studies.silhouettes import (
     CONTOUR_POINTS,
     PROFILE_BINS,
     ImageAlignment,
@@ -20,9 +23,6 @@ from acp_lab.evaluation.silhouettes import (
     profile_distances,
     radial_profile,
 )
-from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import rotation_angle_deg, transform
 from tests.made_parts import box, bracket, looking_at
 
 CAMERA = Camera(128, 128, 400.0, 400.0, 63.5, 63.5)

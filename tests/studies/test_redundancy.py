@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from acp_lab.control_points.coplanar_points import mid_section_points
-from acp_lab.evaluation.redundancy import drift, misfit_px, redundant_directions, rigid_share
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.geometry.pose_step import move_pose
+from acp_lab.studies.redundancy import drift, misfit_px, redundant_directions, rigid_share
 from acp_lab.tracking.paper.method import MethodConfig
 from acp_lab.tracking.paper.method_tracker import MethodTracker
 from acp_lab.tracking.session import TrackRun

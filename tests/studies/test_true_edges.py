@@ -7,9 +7,9 @@ import pytest
 
 from acp_lab.cad.edges import facing, sample_edges
 from acp_lab.control_points.canonical_frame import eye_position
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.studies.true_edges import TrueEdges
 from tests.made_parts import box, bracket, looking_at
 
 CAMERA = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)

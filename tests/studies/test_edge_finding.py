@@ -9,12 +9,12 @@ import pytest
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.edge_break import edge_offsets
-from acp_lab.evaluation.edge_finding import RULES, FindingConfig, FindingStudy, detector_counts, finding_study
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.imaging.canny import CannyConfig
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.studies.edge_break import edge_offsets
+from acp_lab.studies.edge_finding import RULES, FindingConfig, FindingStudy, detector_counts, finding_study
+from acp_lab.studies.true_edges import TrueEdges
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import CAMERA, draw
 

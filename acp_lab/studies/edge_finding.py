@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray
 from acp_lab.geometry.pose import disturb_pose
@@ -29,6 +28,7 @@ from acp_lab.imaging.canny import CannyConfig, blur, canny, to_grey
 from acp_lab.imaging.distance import distance_map, nearest_edges
 from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.studies.true_edges import TrueEdges
 from acp_lab.tracking.image_edges import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
 from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
 

@@ -11,7 +11,13 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.evaluation.generator_study import (
+from acp_lab.generator.base import VisibleSamples
+from acp_lab.generator.edge_images import EdgeImageConfig
+from acp_lab.generator.generation_quality import GenerationQuality
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.imaging.chamfer import nearest_distances
+from acp_lab.studies.generator_study import (
     GeneratorScore,
     StudyView,
     rigid_edges,
@@ -20,13 +26,7 @@ from acp_lab.evaluation.generator_study import (
     study_views,
     views_between,
 )
-from acp_lab.evaluation.true_edges import TrueEdges
-from acp_lab.generator.base import VisibleSamples
-from acp_lab.generator.edge_images import EdgeImageConfig
-from acp_lab.generator.generation_quality import GenerationQuality
-from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose import transform
-from acp_lab.imaging.chamfer import nearest_distances
+from acp_lab.studies.true_edges import TrueEdges
 from tests.made_parts import bracket
 
 REGION = ALL_REGIONS[4]

@@ -11,11 +11,11 @@ from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
-from acp_lab.evaluation.ambiguity import Ambiguities, AmbiguityConfig, find_ambiguities
-from acp_lab.evaluation.silhouettes import contour_distance, outer_contour
 from acp_lab.geometry.pose import make_pose, rotation_angle_deg, so3_exp
-from tests.evaluation.pocket_block import block_with_a_pocket
+from acp_lab.studies.ambiguity import Ambiguities, AmbiguityConfig, find_ambiguities
+from acp_lab.studies.silhouettes import contour_distance, outer_contour
 from tests.made_parts import box, bracket
+from tests.studies.pocket_block import block_with_a_pocket
 
 CONFIG = AmbiguityConfig(subdivisions=1, pairs=3, refine_steps=20)
 

@@ -13,12 +13,12 @@ from itertools import islice
 import numpy as np
 
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.true_edges import TrueEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.protocol import Sequence
+from acp_lab.studies.true_edges import TrueEdges
 from acp_lab.tracking.alignment import Observation
 from acp_lab.tracking.motion import ConstantVelocity
 from acp_lab.tracking.observer import TrackResult

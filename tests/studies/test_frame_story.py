@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.frame_story import FrameStory, frame_story
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.studies.frame_story import FrameStory, frame_story
 from acp_lab.tracking.tracker import Tracker
 from tests.prepared_sample import sample_model, sample_scene
 

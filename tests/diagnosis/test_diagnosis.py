@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
+from acp_lab.diagnosis.causes import Cause
+from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose
+from acp_lab.diagnosis.frame_evidence import PartObserver, image_motion
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.causes import Cause
-from acp_lab.evaluation.diagnosis import Diagnosis, diagnose
-from acp_lab.evaluation.frame_evidence import PartObserver, image_motion
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, transform

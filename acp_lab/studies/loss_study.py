@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.landscape import LossSurface
 from acp_lab.evaluation.metrics import add_mm
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.imaging.distance import distance_map
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.studies.landscape import LossSurface
 from acp_lab.tracking.paper.losses import LossForm
 from acp_lab.tracking.paper.solvers import SolverConfig
 from acp_lab.tracking.paper.target import DistanceTarget

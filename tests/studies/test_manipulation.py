@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import GeometryError
-from acp_lab.evaluation.manipulation import ManipulationBench, ManipulationStudy
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.geometry.pose_step import move_pose
+from acp_lab.studies.manipulation import ManipulationBench, ManipulationStudy
 from acp_lab.tracking.paper.edge_source import View
 from tests.prepared_sample import sample_model, sample_scene
 

@@ -11,11 +11,11 @@ import pytest
 
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.errors import SequenceError, TrackingError
-from acp_lab.evaluation.basin import BasinConfig, align_with, basin_of_convergence
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, rotation_angle_deg, so3_exp, transform
 from acp_lab.sequences.frame import Frame
+from acp_lab.studies.basin import BasinConfig, align_with, basin_of_convergence
 from tests.made_parts import bracket, looking_at
 
 PART = bracket(shift=(10.0, 20.0, 0.0))

@@ -15,12 +15,12 @@ from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, normal_map
 from acp_lab.control_points.motion_pairs import draw_samples, visible_rows
-from acp_lab.evaluation.silhouettes import outer_contour
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.imaging.canny import canny
 from acp_lab.imaging.distance import distance_map
+from acp_lab.studies.silhouettes import outer_contour
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ import pytest
 
 from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.raycast import make_caster
-from acp_lab.evaluation.distinction import Contest, shaded_picture, tells_apart
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp
-from tests.evaluation.pocket_block import block_with_a_pocket
+from acp_lab.studies.distinction import Contest, shaded_picture, tells_apart
 from tests.made_parts import looking_at
+from tests.studies.pocket_block import block_with_a_pocket
 
 PART = block_with_a_pocket()
 EDGES, CASTER = sample_edges(PART), make_caster(PART)

@@ -17,10 +17,10 @@ import numpy as np
 
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import REGION_NAMES, region_scores
+from acp_lab.diagnosis import causes
+from acp_lab.diagnosis.causes import Cause, DiagnosisConfig, Finding
+from acp_lab.diagnosis.frame_evidence import EdgeEvidence, PartObserver, image_motion
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation import causes
-from acp_lab.evaluation.causes import Cause, DiagnosisConfig, Finding
-from acp_lab.evaluation.frame_evidence import EdgeEvidence, PartObserver, image_motion
 from acp_lab.evaluation.metrics import add_mm
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.homography import corner_areas, extent

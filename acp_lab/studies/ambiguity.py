@@ -23,7 +23,11 @@ from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.motion_pairs import view_frame, visible_rows
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
 from acp_lab.evaluation.metrics import rotation_error_deg
-from acp_lab.evaluation.silhouettes import (
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
+from acp_lab.imaging.chamfer import chamfer
+from acp_lab.studies.silhouettes import (
     PROFILE_BINS,
     align_contours,
     contour_distance,
@@ -31,10 +35,6 @@ from acp_lab.evaluation.silhouettes import (
     profile_distances,
     radial_profile,
 )
-from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import transform
-from acp_lab.geometry.pose_step import move_pose
-from acp_lab.imaging.chamfer import chamfer
 
 _SEARCH_SIZE = 96
 _FINAL_SIZE = 256

@@ -20,13 +20,13 @@ import numpy as np
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.errors import GeometryError, TrackingError
-from acp_lab.evaluation.manipulation import view_of
 from acp_lab.generator.base import GeneratedEdges, project_samples
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import so3_log
 from acp_lab.geometry.pose_step import centre_position
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.studies.manipulation import view_of
 from acp_lab.tracking.paper.losses import LossForm, edge_loss, reference_bce
 from acp_lab.tracking.paper.measure import DistanceMeasure
 from acp_lab.tracking.paper.motion import HomographyMotion, Motion, RigidMotion
