@@ -20,7 +20,7 @@ from acp_lab.errors import AcpLabError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
-    from acp_lab.display.explain_plot import explain
+    from acp_lab.display.plots.diagnosis import explain
     from acp_lab.display.replay.recorder import Replay
     from acp_lab.display.replay.viewer import show
     from acp_lab.display.widgets import PoseAligner
@@ -62,7 +62,7 @@ _HOME = {
     "ResultsFile": "acp_lab.tracking.results_file",
     "Tracker": "acp_lab.tracking.tracker",
     "evaluate": "acp_lab.evaluation",
-    "explain": "acp_lab.display.explain_plot",
+    "explain": "acp_lab.display.plots.diagnosis",
     "open_sequence": "acp_lab.sequences",
     "prepare": "acp_lab.preparation",
     "show": "acp_lab.display.replay.viewer",

@@ -242,7 +242,7 @@ def replay(
 @app.command()
 def doctor() -> None:
     """Say what works on this machine, and the mend for what does not."""
-    from acp_lab.doctor import print_report
+    from acp_lab.commands.doctor import print_report
 
     raise typer.Exit(print_report())
 

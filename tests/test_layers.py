@@ -30,7 +30,7 @@ LAYERS = (
     ("studies",),
     ("display",),
     ("course",),
-    ("commands", "doctor", "cli", "__main__"),
+    ("commands", "cli", "__main__"),
 )
 HEIGHT = {name: height for height, names in enumerate(LAYERS) for name in names}
 

@@ -85,7 +85,7 @@ def test_the_installed_wheel_works(wheel: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
     code = (
         "import sys, acp_lab; assert acp_lab.__file__.startswith(sys.argv[1]), acp_lab.__file__\n"
-        "from acp_lab.doctor import check_sample; print(check_sample())\n"
+        "from acp_lab.commands.doctor import check_sample; print(check_sample())\n"
         "from acp_lab.cli import main; sys.exit(main(['--version']))"
     )
     done = subprocess.run(

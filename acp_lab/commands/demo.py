@@ -31,7 +31,7 @@ def run_demo(out: Path) -> None:
     from acp_lab.commands.prepare import PrepareOptions, prepare_parts
     from acp_lab.commands.track import TrackOptions, scene_jobs
     from acp_lab.commands.track_run import run_jobs
-    from acp_lab.display.plots import SummaryPicture
+    from acp_lab.display.plots.summary import SummaryPicture
     from acp_lab.evaluation import evaluate
 
     scene = open_sample()

@@ -32,5 +32,5 @@ def test_a_command_that_swallowed_the_key_exits_with_130(monkeypatch: pytest.Mon
             signal.raise_signal(signal.SIGINT)
         return 0
 
-    monkeypatch.setattr("acp_lab.doctor.print_report", swallow)
+    monkeypatch.setattr("acp_lab.commands.doctor.print_report", swallow)
     assert cli.main(["doctor"]) == 130

@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.raycast import make_caster
-from acp_lab.display.ambiguity_plots import ambiguity_figure
-from acp_lab.display.basin_plots import basin_figure, draw_basin
+from acp_lab.display.plots.ambiguity import ambiguity_figure
+from acp_lab.display.plots.basin import basin_figure, draw_basin
 from acp_lab.geometry.camera import Camera
 from acp_lab.studies.ambiguity import Ambiguities, AmbiguousPair
 from acp_lab.studies.basin import Basin

@@ -9,10 +9,17 @@ from matplotlib.figure import Figure
 
 from acp_lab.control_points.view_regions import sphere_directions
 from acp_lab.display.look import GENERATED, POINTS, TRUTH
-from acp_lab.display.loss_plots import draw_erased, draw_found, draw_landscape, draw_losses, draw_printed
-from acp_lab.display.manipulation_plots import draw_growth, draw_ways
-from acp_lab.display.point_motion_plots import draw_descents, draw_directions, draw_drifts
-from acp_lab.display.region_plots import REGION_COLOURS, draw_box, draw_moved, draw_regions, draw_residuals, draw_tilts
+from acp_lab.display.plots.loss_study import draw_erased, draw_found, draw_landscape, draw_losses, draw_printed
+from acp_lab.display.plots.manipulation import draw_growth, draw_ways
+from acp_lab.display.plots.redundancy import draw_descents, draw_directions, draw_drifts
+from acp_lab.display.plots.view_regions import (
+    REGION_COLOURS,
+    draw_box,
+    draw_moved,
+    draw_regions,
+    draw_residuals,
+    draw_tilts,
+)
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.imaging.chamfer import Chamfer
 from acp_lab.studies.landscape import POSE_COORDINATES, Descent, LossSlice

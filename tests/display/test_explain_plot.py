@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import acp_lab
-from acp_lab.display.explain_plot import Explanation, explain
+from acp_lab.display.plots.diagnosis import Explanation, explain
 from acp_lab.errors import InputFileError
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from acp_lab.display.generator_plots import (
+from acp_lab.display.plots.generator_study import (
     draw_edge_points,
     draw_epochs,
     draw_images,

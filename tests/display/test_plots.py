@@ -10,7 +10,7 @@ import pytest
 
 from acp_lab.display.accuracy import AddPercent
 from acp_lab.display.colours import GREY, SKY, VERMILLION, residual_colours, to_bytes
-from acp_lab.display.plots import SummaryPicture
+from acp_lab.display.plots.summary import SummaryPicture
 from acp_lab.errors import InputFileError
 from tests.display.made_run import box, play, true_pose
 

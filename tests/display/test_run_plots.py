@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from acp_lab.display.run_plots import add_percents, draw_found, draw_memory, draw_runs
+from acp_lab.display.plots.frame_story import add_percents, draw_found, draw_memory, draw_runs
 from acp_lab.errors import SequenceError
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.studies.frame_story import frame_story

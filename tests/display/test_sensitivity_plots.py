@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from acp_lab.display.sensitivity_plots import draw_change_table, draw_conditions, draw_cosines, sensitivity_figure
+from acp_lab.display.plots.sensitivity import draw_change_table, draw_conditions, draw_cosines, sensitivity_figure
 from acp_lab.studies.sensitivity import POINT_NAMES, POSE_NAMES, Behaviour, SensitivityStudy
 
 

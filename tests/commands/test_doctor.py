@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from acp_lab import doctor
-from acp_lab.doctor import Check, Verdict
+from acp_lab.commands import doctor
+from acp_lab.commands.doctor import Check, Verdict
 from tests.cli_runner import run
 
 

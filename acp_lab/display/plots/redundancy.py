@@ -13,7 +13,7 @@ import numpy as np
 from acp_lab.display.colours import OBJECT_COLOURS
 from acp_lab.display.look import GENERATED, POINTS, UNKNOWN, Colour
 from acp_lab.display.pictures import draw_quad
-from acp_lab.display.sensitivity_plots import draw_change_table
+from acp_lab.display.plots.sensitivity import draw_change_table
 from acp_lab.studies.redundancy import Drift
 from acp_lab.studies.sensitivity import SensitivityStudy
 
