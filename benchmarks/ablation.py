@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from acp_lab.sequences.bop import BopScene
     from acp_lab.sequences.frame import Frame, UnreadableFrame
     from acp_lab.sequences.protocol import Sequence
-    from acp_lab.tracking.paper.method import MethodConfig
+    from acp_lab.tracking.method import MethodConfig
 
 ALPHAS = (0.035, 0.05, 0.07, 0.10)
 SCHEDULES = ((1.0,), (1.0, 0.6, 0.4))
@@ -80,7 +80,7 @@ def track(root: Path, parts: Path, methods: list[tuple[str, str, MethodConfig]])
     from acp_lab.evaluation import evaluate
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
-    from acp_lab.tracking.paper.method_tracker import MethodTracker
+    from acp_lab.tracking.method_tracker import MethodTracker
 
     dataset = BopDataset(root)
     for scene_id in dataset.scenes():
@@ -139,8 +139,8 @@ def main() -> None:
     parser.add_argument("--config", nargs="*", type=Path, default=[], help="further methods as TOML, searched likewise")
     parser.add_argument("--json", type=Path, help="also keep the errors of every frame")
     options = parser.parse_args()
-    from acp_lab.tracking.paper.method import METHODS
-    from acp_lab.tracking.paper.method_file import read_method
+    from acp_lab.tracking.method import METHODS
+    from acp_lab.tracking.method_file import read_method
 
     print(f"CPU: {machine.cpu_model()}; one thread")
     wanted = [*METHODS.values(), *map(read_method, options.config)]

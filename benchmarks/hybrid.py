@@ -27,7 +27,7 @@ import numpy as np  # noqa: E402
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from acp_lab.tracking.paper.method import MethodConfig
+    from acp_lab.tracking.method import MethodConfig
 
 LIMITS = (0.02, 0.05, 0.10)
 STEPS = (1, 2)
@@ -46,7 +46,7 @@ class Track:
 
 def methods() -> Iterator[MethodConfig]:
     """The variables and directions that are compared."""
-    from acp_lab.tracking.paper.method import MethodConfig, TargetConfig
+    from acp_lab.tracking.method import MethodConfig, TargetConfig
 
     pose = MethodConfig(
         name="pose",
@@ -69,7 +69,7 @@ def track(root: Path, parts: Path) -> Iterator[Track]:
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
     from acp_lab.sequences.frame import Frame
-    from acp_lab.tracking.paper.method_tracker import MethodTracker
+    from acp_lab.tracking.method_tracker import MethodTracker
 
     dataset = BopDataset(root)
     for scene_id in dataset.scenes():

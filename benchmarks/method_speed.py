@@ -24,7 +24,7 @@ import numpy as np  # noqa: E402
 
 if TYPE_CHECKING:
     from acp_lab.sequences.bop import BopScene
-    from acp_lab.tracking.paper.method_tracker import MethodTracker
+    from acp_lab.tracking.method_tracker import MethodTracker
     from acp_lab.tracking.tracker import Tracker
 
 
@@ -57,8 +57,8 @@ def main() -> None:
 
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
-    from acp_lab.tracking.paper.method import METHODS
-    from acp_lab.tracking.paper.method_tracker import MethodTracker
+    from acp_lab.tracking.method import METHODS
+    from acp_lab.tracking.method_tracker import MethodTracker
     from acp_lab.tracking.tracker import Tracker
 
     dataset = BopDataset(options.dataset)

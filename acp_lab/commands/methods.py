@@ -10,8 +10,8 @@ from acp_lab.errors import TrackingError
 
 if TYPE_CHECKING:
     from acp_lab.prepared_part import PreparedPart
-    from acp_lab.tracking.paper.method import MethodConfig
-    from acp_lab.tracking.paper.method_tracker import MethodTracker
+    from acp_lab.tracking.method import MethodConfig
+    from acp_lab.tracking.method_tracker import MethodTracker
     from acp_lab.tracking.tracker import Tracker, TrackerConfig
 
 METHOD_NAMES = ("acp", "acp-paper", "direct-6dof", "unoptimised-points")
@@ -35,11 +35,11 @@ class Method:
     @classmethod
     def of(cls, name: str, config_file: Path | None) -> Method:
         """The method of a file if there is one, else the named one; InputFileError, TrackingError."""
-        from acp_lab.tracking.paper.method import METHODS
+        from acp_lab.tracking.method import METHODS
         from acp_lab.tracking.tracker import TrackerConfig
 
         if config_file is not None:
-            from acp_lab.tracking.paper.method_file import read_method
+            from acp_lab.tracking.method_file import read_method
 
             read = read_method(config_file)
             return cls(read.name, read)
@@ -48,8 +48,8 @@ class Method:
 
     def tracker(self, model: PreparedPart) -> Tracker | MethodTracker:
         """A tracker of a part; PreparationError when the part lacks the generator that the method needs."""
-        from acp_lab.tracking.paper.method import MethodConfig
-        from acp_lab.tracking.paper.method_tracker import MethodTracker
+        from acp_lab.tracking.method import MethodConfig
+        from acp_lab.tracking.method_tracker import MethodTracker
         from acp_lab.tracking.tracker import Tracker
 
         if isinstance(self.config, MethodConfig):

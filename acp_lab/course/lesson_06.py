@@ -14,7 +14,7 @@ from acp_lab.imaging.canny import canny
 from acp_lab.imaging.distance import distance_map
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.true_edges import TrueEdges
-from acp_lab.tracking.paper.losses import geman_mcclure, tukey
+from acp_lab.tracking.losses import geman_mcclure, tukey
 
 PLACES = ("on the edge", "just below alpha", "just above alpha", "far away")
 FAR_PX = 3.0

@@ -16,8 +16,8 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.observer import TrackState
-from acp_lab.tracking.quality import StateConfig, StateMachine
 from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.states import StateConfig, StateMachine
 from acp_lab.tracking.tracker import Tracker
 
 CAUSES = ("occlusion", "missing frames", "bad start", "focal length", "edge break")

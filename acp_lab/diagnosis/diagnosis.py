@@ -27,8 +27,8 @@ from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.tracking.motion import ConstantVelocity
 from acp_lab.tracking.observer import TrackResult, TrackState
+from acp_lab.tracking.prediction import ConstantVelocity
 from acp_lab.tracking.session import TrackRun
 
 LOOK_BACK = 6

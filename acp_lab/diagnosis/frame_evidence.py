@@ -23,7 +23,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.alignment import TRACKING_LEVELS
-from acp_lab.tracking.image_edges import SearchConfig, image_patch, search_along_normals
+from acp_lab.tracking.targets.image_edges import SearchConfig, image_patch, search_along_normals
 
 MOST_POINTS = 800
 NEAR_PX = 2.0

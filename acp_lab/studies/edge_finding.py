@@ -29,8 +29,8 @@ from acp_lab.imaging.distance import distance_map, nearest_edges
 from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.studies.true_edges import TrueEdges
-from acp_lab.tracking.image_edges import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
-from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.targets.image_edges import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
 
 RULES = (
     "nearest edge",

@@ -20,8 +20,8 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.studies.true_edges import TrueEdges
 from acp_lab.tracking.alignment import Observation
-from acp_lab.tracking.motion import ConstantVelocity
 from acp_lab.tracking.observer import TrackResult
+from acp_lab.tracking.prediction import ConstantVelocity
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker, TrackerConfig
 

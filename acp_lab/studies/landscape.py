@@ -27,11 +27,11 @@ from acp_lab.geometry.pose_step import centre_position
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.manipulation import view_of
-from acp_lab.tracking.paper.losses import LossForm, edge_loss, reference_bce
-from acp_lab.tracking.paper.measure import DistanceMeasure
-from acp_lab.tracking.paper.motion import HomographyMotion, Motion, RigidMotion
-from acp_lab.tracking.paper.solvers import SolverConfig, minimise
-from acp_lab.tracking.paper.target import DistanceTarget, TargetConfig, distance_target
+from acp_lab.tracking.losses import LossForm, edge_loss, reference_bce
+from acp_lab.tracking.measure import DistanceMeasure
+from acp_lab.tracking.motions import HomographyMotion, Motion, RigidMotion
+from acp_lab.tracking.solvers import SolverConfig, minimise
+from acp_lab.tracking.targets.distance_map import DistanceTarget, TargetConfig, distance_target
 
 Space = Literal["control-points", "pose"]
 IMAGE_SIDE = 128

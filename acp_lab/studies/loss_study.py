@@ -23,9 +23,9 @@ from acp_lab.imaging.distance import distance_map
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import LossSurface
-from acp_lab.tracking.paper.losses import LossForm
-from acp_lab.tracking.paper.solvers import SolverConfig
-from acp_lab.tracking.paper.target import DistanceTarget
+from acp_lab.tracking.losses import LossForm
+from acp_lab.tracking.solvers import SolverConfig
+from acp_lab.tracking.targets.distance_map import DistanceTarget
 
 ERASED_REACH_PX = 2.5
 _LOST = 1.0

@@ -32,8 +32,8 @@ from acp_lab.geometry.pose import transform
 from acp_lab.geometry.tps import warp_points_tps
 from acp_lab.imaging.chamfer import Chamfer, chamfer
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.tracking.paper.edge_source import View
-from acp_lab.tracking.paper.painted_source import RidgeSource
+from acp_lab.tracking.frame_view import View
+from acp_lab.tracking.sources.painted import RidgeSource
 
 MOST_PAINTED = 20_000
 Warp = Callable[[FloatArray], FloatArray]

@@ -23,20 +23,20 @@ from acp_lab.geometry.pose_step import (
     move_pose,
     step_jacobian,
 )
-from acp_lab.tracking.contour_offsets import ContourOffsets, ExpectedOffsets
 from acp_lab.tracking.gauss_newton import gauss_newton_step
-from acp_lab.tracking.image_edges import (
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets
+from acp_lab.tracking.learning.edge_memory import EdgeMemory
+from acp_lab.tracking.learning.reliability import SampleReliability
+from acp_lab.tracking.loss import robust_loss, soft_assignment
+from acp_lab.tracking.observer import TargetView, TrackStep
+from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.targets.image_edges import (
     Candidates,
     ImagePatch,
     SearchConfig,
     image_patch,
     search_along_normals,
 )
-from acp_lab.tracking.loss import robust_loss, soft_assignment
-from acp_lab.tracking.memory import EdgeMemory
-from acp_lab.tracking.observer import TargetView, TrackStep
-from acp_lab.tracking.reliability import SampleReliability
-from acp_lab.tracking.stopwatch import Stopwatch
 
 # Fewer visible samples than this cannot fix six degrees of freedom with any safety.
 MIN_SAMPLES = 12

@@ -14,7 +14,7 @@ import numpy as np
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.tracking.alignment import Aligner, Alignment, Level, Stopwatch
-from acp_lab.tracking.image_edges import ImagePatch
+from acp_lab.tracking.targets.image_edges import ImagePatch
 
 COARSE_LEVELS = (Level(14, 4.0), Level(7, 1.5))
 FINE_LEVELS = (Level(8, 2.0), Level(5, 1.0))

@@ -21,12 +21,12 @@ from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.alignment import Aligner, Alignment, Level, SolverConfig
-from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
-from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
-from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
-from acp_lab.tracking.reliability import ReliabilityConfig, SampleReliability
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets, OffsetConfig
+from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
 from acp_lab.tracking.start import SEARCH_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.targets.image_edges import ImagePatch, SearchConfig
 
 LOOK, JUDGE = Level(12, 5.0, 150), Level(6, 1.2)
 LAST_LEVELS = (Level(8, 2.0, 4000), Level(5, 1.0, 4000), Level(5, 1.0, 4000))

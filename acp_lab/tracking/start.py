@@ -16,7 +16,7 @@ import numpy as np
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.tracking.alignment import Aligner, Alignment, Level, Stopwatch
-from acp_lab.tracking.image_edges import ImagePatch
+from acp_lab.tracking.targets.image_edges import ImagePatch
 
 
 @dataclass(frozen=True)

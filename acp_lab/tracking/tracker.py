@@ -23,16 +23,16 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.alignment import Aligner, Alignment, SolverConfig, Stopwatch
-from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
-from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
-from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
-from acp_lab.tracking.motion import ConstantVelocity
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets, OffsetConfig
+from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
 from acp_lab.tracking.observer import Observer, TrackResult, TrackStep
-from acp_lab.tracking.quality import StateConfig, StateMachine
+from acp_lab.tracking.prediction import ConstantVelocity
 from acp_lab.tracking.recovery import shifted_poses, try_poses
-from acp_lab.tracking.reliability import ReliabilityConfig, SampleReliability
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.start import LOOK_LEVEL, StartConfig, is_trusted, search_around
+from acp_lab.tracking.states import StateConfig, StateMachine
+from acp_lab.tracking.targets.image_edges import ImagePatch, SearchConfig
 
 
 @dataclass(frozen=True)

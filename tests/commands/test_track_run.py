@@ -12,7 +12,7 @@ from acp_lab.commands.methods import METHOD_NAMES
 from acp_lab.commands.track import TrackOptions, scene_jobs
 from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
 from acp_lab.sequences import ResultRow, ResultsWriter, read_results
-from acp_lab.tracking.paper.method import METHODS
+from acp_lab.tracking.method import METHODS
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, write_dataset
 from tests.sequences.tiny_dataset import write_json

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from acp_lab.course.lesson_09 import unlabelled_runs
-from acp_lab.tracking.quality import StateConfig, StateMachine
+from acp_lab.tracking.states import StateConfig, StateMachine
 from tests.course.grading import hints, passes
 from tests.prepared_sample import sample_model
 

@@ -10,8 +10,8 @@ import pytest
 from acp_lab.errors import TrackingError
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import CONTROL_COORDINATES, POSE_COORDINATES, LossSurface, Space
-from acp_lab.tracking.paper.measure import DistanceMeasure
-from acp_lab.tracking.paper.solvers import SolverConfig
+from acp_lab.tracking.measure import DistanceMeasure
+from acp_lab.tracking.solvers import SolverConfig
 from tests.prepared_sample import sample_model, sample_scene
 
 U, V = CONTROL_COORDINATES[:2]

@@ -8,7 +8,7 @@ import pytest
 from acp_lab.errors import SequenceError
 from acp_lab.imaging.distance import distance_map
 from acp_lab.studies.loss_study import ERASED_REACH_PX, LossChoice, LossStudyConfig, erase_edges, loss_study
-from acp_lab.tracking.paper.target import DistanceTarget
+from acp_lab.tracking.targets.distance_map import DistanceTarget
 from tests.prepared_sample import sample_model, sample_scene
 
 NARROW = LossChoice("narrow", "tukey", (4.0, 2.0))

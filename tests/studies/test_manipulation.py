@@ -13,7 +13,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.studies.manipulation import ManipulationBench, ManipulationStudy
-from acp_lab.tracking.paper.edge_source import View
+from acp_lab.tracking.frame_view import View
 from tests.prepared_sample import sample_model, sample_scene
 
 

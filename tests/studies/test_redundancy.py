@@ -10,8 +10,8 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.studies.redundancy import drift, misfit_px, redundant_directions, rigid_share
-from acp_lab.tracking.paper.method import MethodConfig
-from acp_lab.tracking.paper.method_tracker import MethodTracker
+from acp_lab.tracking.method import MethodConfig
+from acp_lab.tracking.method_tracker import MethodTracker
 from acp_lab.tracking.session import TrackRun
 from tests.prepared_sample import sample_model, sample_scene
 

@@ -15,8 +15,8 @@ from acp_lab.geometry.pose import disturb_pose, transform
 from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.alignment import Aligner, Level, SolverConfig, Stopwatch
-from acp_lab.tracking.image_edges import ImagePatch
 from acp_lab.tracking.recovery import shifted_poses, try_poses
+from acp_lab.tracking.targets.image_edges import ImagePatch
 from acp_lab.tracking.tracker import Tracker, TrackerConfig
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
 

@@ -12,7 +12,12 @@ from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
-from acp_lab.tracking.contour_offsets import OUTLINE_SHARE_OF_BREAK, ContourOffsets, ExpectedOffsets, OffsetConfig
+from acp_lab.tracking.learning.contour_offsets import (
+    OUTLINE_SHARE_OF_BREAK,
+    ContourOffsets,
+    ExpectedOffsets,
+    OffsetConfig,
+)
 from tests.made_parts import box, bracket, looking_at
 
 CAMERA = Camera(width=640, height=512, fx=900.0, fy=900.0, cx=319.5, cy=255.5)

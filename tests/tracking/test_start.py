@@ -14,7 +14,7 @@ from acp_lab.geometry.pose_step import centre_position
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking import start as start_module
-from acp_lab.tracking.contour_offsets import OUTLINE_SHARE_OF_BREAK
+from acp_lab.tracking.learning.contour_offsets import OUTLINE_SHARE_OF_BREAK
 from acp_lab.tracking.start import StartConfig
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker

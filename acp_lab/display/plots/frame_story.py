@@ -18,8 +18,8 @@ from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.alignment import Observation
 from acp_lab.tracking.observer import TrackState
-from acp_lab.tracking.quality import StateConfig
 from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.states import StateConfig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

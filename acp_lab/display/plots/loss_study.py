@@ -16,7 +16,7 @@ from acp_lab.display.pictures import draw_strokes
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.studies.landscape import Descent, LossSlice
 from acp_lab.studies.loss_study import LossStudy
-from acp_lab.tracking.paper.losses import LOSS_FORMS, LossForm, edge_loss
+from acp_lab.tracking.losses import LOSS_FORMS, LossForm, edge_loss
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

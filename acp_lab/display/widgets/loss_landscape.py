@@ -18,8 +18,8 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import Coordinate, Descent, LossSlice, LossSurface, Space
-from acp_lab.tracking.paper.losses import LOSS_FORMS
-from acp_lab.tracking.paper.solvers import SolverConfig
+from acp_lab.tracking.losses import LOSS_FORMS
+from acp_lab.tracking.solvers import SolverConfig
 
 WHITE = (1.0, 1.0, 1.0)
 MAP_PX = 360

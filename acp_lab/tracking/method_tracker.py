@@ -21,23 +21,23 @@ from acp_lab.geometry.pose import rotation_angle_deg
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
-from acp_lab.tracking.image_edges import image_patch
-from acp_lab.tracking.memory import EdgeMemory, MemoryConfig
-from acp_lab.tracking.motion import ConstantVelocity
+from acp_lab.tracking.frame_solver import MIN_EDGES, FrameSolver, FrameView, SolvedFrame
+from acp_lab.tracking.frame_view import EdgeSource, View
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets, OffsetConfig
+from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
+from acp_lab.tracking.measure import SearchMeasure
+from acp_lab.tracking.method import MethodConfig
 from acp_lab.tracking.observer import Observer, TargetView, TrackResult
-from acp_lab.tracking.paper.edge_source import EdgeSource, View
-from acp_lab.tracking.paper.frame_solver import MIN_EDGES, FrameSolver, FrameView, SolvedFrame
-from acp_lab.tracking.paper.lift import EdgeLifter
-from acp_lab.tracking.paper.measure import SearchMeasure
-from acp_lab.tracking.paper.method import MethodConfig
-from acp_lab.tracking.paper.painted_source import RidgeSource, SampleSource
-from acp_lab.tracking.paper.rigid_source import RigidEdgeSource
-from acp_lab.tracking.paper.target import distance_target
-from acp_lab.tracking.quality import StateConfig, StateMachine
-from acp_lab.tracking.reliability import ReliabilityConfig, SampleReliability
+from acp_lab.tracking.prediction import ConstantVelocity
 from acp_lab.tracking.session import TrackRun, track_sequence
+from acp_lab.tracking.sources.lift import EdgeLifter
+from acp_lab.tracking.sources.painted import RidgeSource, SampleSource
+from acp_lab.tracking.sources.rigid import RigidEdgeSource
+from acp_lab.tracking.states import StateConfig, StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.targets.distance_map import distance_target
+from acp_lab.tracking.targets.image_edges import image_patch
 
 _MARGIN_PX = 40.0
 _LARGEST_TURN_DEG = 45.0

@@ -9,8 +9,8 @@ from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import apply_homography, homography_from_points
-from acp_lab.tracking.paper.motion import HomographyMotion
-from acp_lab.tracking.paper.solvers import Measurement, SolverConfig, SolverName, minimise
+from acp_lab.tracking.motions import HomographyMotion
+from acp_lab.tracking.solvers import Measurement, SolverConfig, SolverName, minimise
 
 START = np.array([[20.0, 20.0], [120.0, 25.0], [115.0, 110.0], [18.0, 105.0]])
 GOAL = START + np.array([[2.0, 1.0], [-1.5, 2.0], [1.0, -2.0], [0.5, 1.5]])

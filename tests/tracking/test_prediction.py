@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import centre_position, move_pose
-from acp_lab.tracking.motion import ConstantVelocity
+from acp_lab.tracking.prediction import ConstantVelocity
 from tests.geometry.geometry_strategies import directions
 from tests.made_parts import box, looking_at
 

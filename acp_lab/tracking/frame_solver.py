@@ -14,17 +14,17 @@ import numpy as np
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.pose_step import centre_position
-from acp_lab.tracking.image_edges import ImagePatch, SearchConfig
-from acp_lab.tracking.memory import EdgeMemory
+from acp_lab.tracking.frame_view import EdgeSource, View
+from acp_lab.tracking.learning.edge_memory import EdgeMemory
+from acp_lab.tracking.measure import DistanceMeasure, SearchMeasure
+from acp_lab.tracking.method import MethodConfig
+from acp_lab.tracking.motions import HomographyMotion, Motion, RegeneratedMotion, RigidMotion
 from acp_lab.tracking.observer import TrackStep
-from acp_lab.tracking.paper.edge_source import EdgeSource, View
-from acp_lab.tracking.paper.lift import EdgeLifter
-from acp_lab.tracking.paper.measure import DistanceMeasure, SearchMeasure
-from acp_lab.tracking.paper.method import MethodConfig
-from acp_lab.tracking.paper.motion import HomographyMotion, Motion, RegeneratedMotion, RigidMotion
-from acp_lab.tracking.paper.solvers import Iterate, Measure, minimise
-from acp_lab.tracking.paper.target import DistanceTarget
+from acp_lab.tracking.solvers import Iterate, Measure, minimise
+from acp_lab.tracking.sources.lift import EdgeLifter
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.targets.distance_map import DistanceTarget
+from acp_lab.tracking.targets.image_edges import ImagePatch, SearchConfig
 
 # Fewer edge points than this cannot fix eight numbers with any safety.
 MIN_EDGES = 20

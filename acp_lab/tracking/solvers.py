@@ -19,7 +19,7 @@ import numpy as np
 
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.tracking.paper.motion import Motion
+from acp_lab.tracking.motions import Motion
 
 SolverName = Literal["gauss-newton", "levenberg-marquardt", "adam"]
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from acp_lab.tracking.paper.losses import (
+from acp_lab.tracking.losses import (
     LOSS_FORMS,
     edge_loss,
     least_squares_weights,

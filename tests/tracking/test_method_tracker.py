@@ -13,14 +13,14 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.frame_view import View
+from acp_lab.tracking.method import MethodConfig
+from acp_lab.tracking.method_tracker import MethodTracker
 from acp_lab.tracking.observer import TrackState
-from acp_lab.tracking.paper.edge_source import View
-from acp_lab.tracking.paper.method import MethodConfig
-from acp_lab.tracking.paper.method_tracker import MethodTracker
-from acp_lab.tracking.paper.rigid_source import RigidEdgeSource
-from acp_lab.tracking.paper.solvers import SolverConfig
-from acp_lab.tracking.paper.target import TargetConfig
 from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.solvers import SolverConfig
+from acp_lab.tracking.sources.rigid import RigidEdgeSource
+from acp_lab.tracking.targets.distance_map import TargetConfig
 from tests.made_parts import box, looking_at
 from tests.tracking.rendered import CAMERA, STEP, MadeSequence, add_percent, draw, poses, prepared
 

@@ -18,7 +18,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from acp_lab.errors import InputFileError, TrackingError
-from acp_lab.tracking.paper.method import ACP_PAPER, METHODS, MethodConfig
+from acp_lab.tracking.method import ACP_PAPER, METHODS, MethodConfig
 
 
 def to_toml(config: MethodConfig) -> str:

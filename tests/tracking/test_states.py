@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acp_lab.tracking.observer import TrackState
-from acp_lab.tracking.quality import StateConfig, StateMachine
+from acp_lab.tracking.states import StateConfig, StateMachine
 
 CONFIG = StateConfig(weak_below=0.4, tracking_above=0.5, lost_below=0.2, found_above=0.3, patience=3)
 T, W, L = TrackState.TRACKING, TrackState.WEAK, TrackState.LOST

@@ -7,7 +7,7 @@ import pytest
 
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.imaging.distance import distance_map
-from acp_lab.tracking.paper.target import DistanceTarget, TargetConfig, distance_target
+from acp_lab.tracking.targets.distance_map import DistanceTarget, TargetConfig, distance_target
 
 WHOLE = (0, 0, 90, 70)
 

@@ -8,8 +8,8 @@ from acp_lab.cad.edges import facing
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, project_samples
 from acp_lab.geometry.pose_step import image_directions
-from acp_lab.tracking.contour_offsets import ContourOffsets
-from acp_lab.tracking.paper.edge_source import DIFFERENCE_PX, View, pose_flow
+from acp_lab.tracking.frame_view import DIFFERENCE_PX, View, pose_flow
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets
 
 
 class RigidEdgeSource:

@@ -21,9 +21,9 @@ from acp_lab.generator.base import GeneratedEdges, VisibleSamples
 from acp_lab.generator.edge_points import RidgePoints, ridge_motion, sample_bilinear
 from acp_lab.generator.image_generator import AutoencoderGenerator, PointSet
 from acp_lab.geometry.homography import apply_homography
-from acp_lab.tracking.contour_offsets import ContourOffsets
-from acp_lab.tracking.paper.edge_source import DIFFERENCE_PX, View
-from acp_lab.tracking.paper.rigid_source import project_again, project_with_offsets, rigid_flow
+from acp_lab.tracking.frame_view import DIFFERENCE_PX, View
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets
+from acp_lab.tracking.sources.rigid import project_again, project_with_offsets, rigid_flow
 
 Reader = Callable[[np.ndarray, float], RidgePoints]
 

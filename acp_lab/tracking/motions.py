@@ -16,7 +16,7 @@ import numpy as np
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.homography import QuadWarp, WarpedPoints
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.tracking.paper.edge_source import EdgeSource, View, pose_flow
+from acp_lab.tracking.frame_view import EdgeSource, View, pose_flow
 
 
 class Motion(Protocol):

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from acp_lab.errors import TrackingError
-from acp_lab.tracking.paper.losses import LossForm
-from acp_lab.tracking.paper.solvers import SolverConfig
-from acp_lab.tracking.paper.target import TargetConfig
+from acp_lab.tracking.losses import LossForm
+from acp_lab.tracking.solvers import SolverConfig
+from acp_lab.tracking.targets.distance_map import TargetConfig
 
 GeneratorName = Literal["autoencoder", "learned", "templates"]
 Variables = Literal["control-points", "pose"]

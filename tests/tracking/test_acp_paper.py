@@ -16,8 +16,8 @@ from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.autoencoder_training import train_autoencoder
 from acp_lab.generator.edge_images import EdgeImageConfig
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.tracking.paper.method import ACP_PAPER, DIRECT_6DOF, UNOPTIMISED_POINTS, MethodConfig
-from acp_lab.tracking.paper.method_tracker import MethodTracker
+from acp_lab.tracking.method import ACP_PAPER, DIRECT_6DOF, UNOPTIMISED_POINTS, MethodConfig
+from acp_lab.tracking.method_tracker import MethodTracker
 from tests.made_parts import box, looking_at
 from tests.tracking.rendered import STEP, MadeSequence, add_percent, draw, poses, prepared
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acp_lab.tracking.image_edges import Candidates
+from acp_lab.tracking.targets.image_edges import Candidates
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.tracking.image_edges import Candidates, ImagePatch, SearchConfig, search_along_normals
+from acp_lab.tracking.learning.edge_memory import EdgeMemory
 from acp_lab.tracking.loss import soft_assignment
-from acp_lab.tracking.memory import EdgeMemory
-from acp_lab.tracking.paper.losses import LossForm, edge_loss, least_squares_weights
-from acp_lab.tracking.paper.solvers import Measurement
-from acp_lab.tracking.paper.target import DistanceTarget
+from acp_lab.tracking.losses import LossForm, edge_loss, least_squares_weights
+from acp_lab.tracking.solvers import Measurement
+from acp_lab.tracking.targets.distance_map import DistanceTarget
+from acp_lab.tracking.targets.image_edges import Candidates, ImagePatch, SearchConfig, search_along_normals
 
 _OUTLIER = 0.5
 _MIN_REACH_PX, _MAX_REACH_PX = 5, 20

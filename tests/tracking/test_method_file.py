@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from acp_lab.errors import InputFileError, TrackingError
-from acp_lab.tracking.paper.method import ACP_PAPER, DIRECT_6DOF, METHODS, UNOPTIMISED_POINTS, LossConfig, MethodConfig
-from acp_lab.tracking.paper.method_file import read_method, to_toml
-from acp_lab.tracking.paper.solvers import SolverConfig
-from acp_lab.tracking.paper.target import TargetConfig
+from acp_lab.tracking.method import ACP_PAPER, DIRECT_6DOF, METHODS, UNOPTIMISED_POINTS, LossConfig, MethodConfig
+from acp_lab.tracking.method_file import read_method, to_toml
+from acp_lab.tracking.solvers import SolverConfig
+from acp_lab.tracking.targets.distance_map import TargetConfig
 
 UNLIKE = MethodConfig(
     name="other",

@@ -18,13 +18,13 @@ from acp_lab.geometry.homography import homography_from_points
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.tracking.contour_offsets import ContourOffsets, OffsetConfig
-from acp_lab.tracking.paper.edge_source import EdgeSource, View, pose_flow
-from acp_lab.tracking.paper.frame_solver import RigidWish
-from acp_lab.tracking.paper.lift import EdgeLifter
-from acp_lab.tracking.paper.motion import HomographyMotion, Motion, RegeneratedMotion, RigidMotion
-from acp_lab.tracking.paper.painted_source import RidgeSource, SampleSource, view_to_canonical
-from acp_lab.tracking.paper.rigid_source import RigidEdgeSource, project_with_offsets
+from acp_lab.tracking.frame_solver import RigidWish
+from acp_lab.tracking.frame_view import EdgeSource, View, pose_flow
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets, OffsetConfig
+from acp_lab.tracking.motions import HomographyMotion, Motion, RegeneratedMotion, RigidMotion
+from acp_lab.tracking.sources.lift import EdgeLifter
+from acp_lab.tracking.sources.painted import RidgeSource, SampleSource, view_to_canonical
+from acp_lab.tracking.sources.rigid import RigidEdgeSource, project_with_offsets
 from tests.made_parts import looking_at
 from tests.tracking.rendered import CAMERA
 
