@@ -123,7 +123,7 @@ def _train(
     progress: Progress | None,
 ) -> PreparedPart:
     # torch takes seconds to import; preparing templates alone does without.
-    from acp_lab.generator.training import TrainingConfig, train_region
+    from acp_lab.generator.visibility_training import TrainingConfig, train_region
 
     config = TrainingConfig.fast() if fast else TrainingConfig()
     settings = ", ".join(f"{key}={value}" for key, value in asdict(config).items())

@@ -21,7 +21,7 @@ from acp_lab.errors import PartError, PreparationError
 from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.edge_images import EdgeImageConfig
 from acp_lab.generator.templates import build_templates
-from acp_lab.generator.training import TrainingConfig
+from acp_lab.generator.visibility_training import TrainingConfig
 from acp_lab.preparation import prepare
 from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, PreparedPart
 from tests.made_parts import box, bracket, sheet

@@ -13,8 +13,8 @@ from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS, sample_directions
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
-from acp_lab.generator.training import TrainingConfig, TrainingReport, train_region
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
+from acp_lab.generator.visibility_training import TrainingConfig, TrainingReport, train_region
 from tests.made_parts import looking_at
 
 REGION = ALL_REGIONS[4]
