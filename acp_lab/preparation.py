@@ -18,8 +18,8 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
 from acp_lab.errors import PreparationError
-from acp_lab.generator.autoencoder_config import AutoencoderConfig
-from acp_lab.generator.edge_images import OUTLINE_SHARE_OF_BREAK, Source
+from acp_lab.generator.painted.config import AutoencoderConfig
+from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK, Source
 from acp_lab.generator.templates import build_templates
 from acp_lab.prepared_part import PreparedPart, RegionReport, read_header, write_picture
 
@@ -189,7 +189,7 @@ def _paint(
     progress: Progress | None,
 ) -> PreparedPart:
     """The edge image generator of each region, paper IV-A."""
-    from acp_lab.generator.autoencoder_training import train_autoencoder
+    from acp_lab.generator.painted.training import train_autoencoder
 
     settings = _settings(config, seed)
     if model.autoencoder_training != settings:

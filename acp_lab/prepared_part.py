@@ -33,9 +33,9 @@ from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import PreparationError
-from acp_lab.generator.autoencoder_config import AutoencoderReport
 from acp_lab.generator.base import RigidGenerator
-from acp_lab.generator.image_generator import AutoencoderGenerator, PointSet, RegionAutoencoder
+from acp_lab.generator.painted.config import AutoencoderReport
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator, PointSet, RegionAutoencoder
 from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.geometry.arrays import ByteImage

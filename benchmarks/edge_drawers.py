@@ -18,10 +18,10 @@ from acp_lab.control_points.canonical_frame import CanonicalFrame
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.motion_pairs import draw_samples, visible_rows
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.generator.autoencoder import Decoder, NetworkShape
 from acp_lab.generator.base import RigidGenerator
-from acp_lab.generator.image_generator import AutoencoderGenerator, RegionAutoencoder
-from acp_lab.generator.latent_regressor import LatentRegressor
+from acp_lab.generator.painted.autoencoder import Decoder, NetworkShape
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator, RegionAutoencoder
+from acp_lab.generator.painted.latent_regressor import LatentRegressor
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.geometry.camera import Camera
 

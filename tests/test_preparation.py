@@ -18,8 +18,8 @@ from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.regression import RegressionConfig
 from acp_lab.errors import PartError, PreparationError
-from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
-from acp_lab.generator.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.visibility_training import TrainingConfig
 from acp_lab.preparation import prepare

@@ -17,9 +17,9 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.errors import PreparationError
-from acp_lab.generator.autoencoder_config import AutoencoderReport
-from acp_lab.generator.generation_quality import GenerationQuality
-from acp_lab.generator.image_generator import RegionAutoencoder
+from acp_lab.generator.painted.config import AutoencoderReport
+from acp_lab.generator.painted.image_generator import RegionAutoencoder
+from acp_lab.generator.painted.quality import GenerationQuality
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, FORMAT_VERSION, PreparedPart, RegionReport

@@ -15,7 +15,7 @@ from acp_lab.errors import InputFileError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
-    from acp_lab.generator.edge_images import Source
+    from acp_lab.generator.painted.edge_images import Source
     from acp_lab.prepared_part import PreparedPart
 
 

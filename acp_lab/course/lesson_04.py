@@ -89,7 +89,7 @@ def where_the_ridge_is(answer: Any) -> str:
 def _pictures() -> tuple[FloatArray, FloatArray]:
     """True edge images (b, h, w) of the sample part, and what a poor painter made of them."""
     from acp_lab.cad.raycast import make_caster
-    from acp_lab.generator.edge_images import EdgeImageConfig
+    from acp_lab.generator.painted.edge_images import EdgeImageConfig
     from acp_lab.studies.generator_study import study_views
 
     part = sample_part()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, generate_edges, project_samples
-from acp_lab.generator.image_generator import AutoencoderGenerator
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator
 from acp_lab.generator.templates import TemplateGenerator, build_templates
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 

@@ -23,11 +23,11 @@ from acp_lab.control_points.canonical_frame import canonical_frame, eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ViewRegion
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, generate_edges
-from acp_lab.generator.edge_images import EdgeImageConfig, EdgeView, analytic_view, draw_views, make_edge_views
-from acp_lab.generator.edge_images import true_points as points_along
-from acp_lab.generator.edge_points import RidgePoints, ridge
-from acp_lab.generator.generation_quality import GenerationQuality, along_ridge, line_quality, mean_quality
-from acp_lab.generator.image_generator import AutoencoderGenerator
+from acp_lab.generator.painted.edge_images import EdgeImageConfig, EdgeView, analytic_view, draw_views, make_edge_views
+from acp_lab.generator.painted.edge_images import true_points as points_along
+from acp_lab.generator.painted.edge_points import RidgePoints, ridge
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator
+from acp_lab.generator.painted.quality import GenerationQuality, along_ridge, line_quality, mean_quality
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 from acp_lab.geometry.camera import Camera
 

@@ -22,7 +22,7 @@ from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, generate_edges, project_samples
-from acp_lab.generator.edge_points import RIDGE_THRESHOLD, ridge
+from acp_lab.generator.painted.edge_points import RIDGE_THRESHOLD, ridge
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera

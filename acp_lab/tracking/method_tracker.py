@@ -15,7 +15,7 @@ from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, canonical_fra
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT, choose_region
 from acp_lab.errors import GeometryError, PreparationError, TrackingError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator
-from acp_lab.generator.edge_points import ridge, threshold
+from acp_lab.generator.painted.edge_points import ridge, threshold
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import rotation_angle_deg
 from acp_lab.prepared_part import PreparedPart

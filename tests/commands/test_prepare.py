@@ -9,8 +9,8 @@ import pytest
 
 from acp_lab.commands.prepare import read_part
 from acp_lab.control_points.regression import RegressionConfig
-from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
-from acp_lab.generator.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import edit_json
 from tests.sequences.tiny_dataset import write_box, write_models

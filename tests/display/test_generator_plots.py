@@ -18,8 +18,8 @@ from acp_lab.display.plots.generator_study import (
 )
 from acp_lab.display.widgets import LiveTraining, ProgressBar
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.generator.edge_points import ridge
-from acp_lab.generator.training_watch import STAGE_NAMES, WatchedEpoch
+from acp_lab.generator.painted.edge_points import ridge
+from acp_lab.generator.painted.watch import STAGE_NAMES, WatchedEpoch
 
 TRUTH = np.zeros((3, 16, 16), np.float32)
 TRUTH[:, :, 8] = 1.0

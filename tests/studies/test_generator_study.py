@@ -12,8 +12,8 @@ from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.generator.base import VisibleSamples
-from acp_lab.generator.edge_images import EdgeImageConfig
-from acp_lab.generator.generation_quality import GenerationQuality
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.quality import GenerationQuality
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.imaging.chamfer import nearest_distances

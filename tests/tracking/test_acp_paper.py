@@ -12,9 +12,9 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
-from acp_lab.generator.autoencoder_training import train_autoencoder
-from acp_lab.generator.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.training import train_autoencoder
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.method import ACP_PAPER, DIRECT_6DOF, UNOPTIMISED_POINTS, MethodConfig
 from acp_lab.tracking.method_tracker import MethodTracker

@@ -12,7 +12,7 @@ from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges, VisibleSamples
-from acp_lab.generator.edge_points import ridge
+from acp_lab.generator.painted.edge_points import ridge
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import homography_from_points
 from acp_lab.geometry.planar_pnp import solve_planar_pnp

@@ -13,9 +13,9 @@ import numpy as np
 from acp_lab.display.look import GENERATED, IMAGE, POINTS, TRUTH, UNKNOWN
 from acp_lab.display.pictures import draw_dots, draw_edges, draw_quad, draw_strokes, show_image
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.generator.edge_points import RidgePoints
-from acp_lab.generator.generation_quality import comparison_grid
-from acp_lab.generator.training_watch import STAGE_NAMES, WatchedEpoch
+from acp_lab.generator.painted.edge_points import RidgePoints
+from acp_lab.generator.painted.quality import comparison_grid
+from acp_lab.generator.painted.watch import STAGE_NAMES, WatchedEpoch
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ import cv2
 import ipywidgets
 import numpy as np
 
-from acp_lab.generator.generation_quality import comparison_grid
-from acp_lab.generator.training_watch import WatchedEpoch
+from acp_lab.generator.painted.quality import comparison_grid
+from acp_lab.generator.painted.watch import WatchedEpoch
 
 
 class ProgressBar(ipywidgets.HBox):

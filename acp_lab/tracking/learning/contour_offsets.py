@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
-from acp_lab.generator.edge_images import OUTLINE_SHARE_OF_BREAK
+from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 
 # A handful of samples has no scatter to speak of.
 MIN_FOR_SCATTER = 30

@@ -18,8 +18,8 @@ import numpy as np
 from acp_lab.cad.edges import facing
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges, VisibleSamples
-from acp_lab.generator.edge_points import RidgePoints, ridge_motion, sample_bilinear
-from acp_lab.generator.image_generator import AutoencoderGenerator, PointSet
+from acp_lab.generator.painted.edge_points import RidgePoints, ridge_motion, sample_bilinear
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator, PointSet
 from acp_lab.geometry.homography import apply_homography
 from acp_lab.tracking.frame_view import DIFFERENCE_PX, View
 from acp_lab.tracking.learning.contour_offsets import ContourOffsets

@@ -15,7 +15,7 @@ from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import CanonicalFrame, canonical_frame
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import PreparationError
-from acp_lab.generator.edge_images import (
+from acp_lab.generator.painted.edge_images import (
     EdgeImageConfig,
     EdgeView,
     analytic_view,

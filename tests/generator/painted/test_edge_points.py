@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acp_lab.generator.edge_points import RidgePoints, ridge, ridge_motion, sample_bilinear, threshold
+from acp_lab.generator.painted.edge_points import RidgePoints, ridge, ridge_motion, sample_bilinear, threshold
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
 SIZE = 48

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acp_lab.generator.edge_images import draw_strokes
-from acp_lab.generator.generation_quality import comparison_grid, generation_quality
+from acp_lab.generator.painted.edge_images import draw_strokes
+from acp_lab.generator.painted.quality import comparison_grid, generation_quality
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
 

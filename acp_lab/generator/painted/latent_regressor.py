@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from acp_lab.generator.autoencoder_config import NetworkShape
+from acp_lab.generator.painted.config import NetworkShape
 
 # Canonical px: an axis along which training varied less than this is not blown up further.
 LEAST_SPREAD_PX = 0.05

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acp_lab.generator.edge_points import RidgePoints, ridge
+from acp_lab.generator.painted.edge_points import RidgePoints, ridge
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
 from acp_lab.imaging.chamfer import nearest_distances
 

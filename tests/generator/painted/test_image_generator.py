@@ -11,16 +11,16 @@ import pytest
 import torch
 
 from acp_lab.errors import PreparationError
-from acp_lab.generator.autoencoder import Decoder
-from acp_lab.generator.autoencoder_config import NetworkShape
-from acp_lab.generator.image_generator import (
+from acp_lab.generator.painted.autoencoder import Decoder
+from acp_lab.generator.painted.config import NetworkShape
+from acp_lab.generator.painted.image_generator import (
     POINT_SETS,
     AutoencoderGenerator,
     PointSet,
     RegionAutoencoder,
     one_thread,
 )
-from acp_lab.generator.latent_regressor import LatentRegressor
+from acp_lab.generator.painted.latent_regressor import LatentRegressor
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -123,7 +123,8 @@ def test_only_matrices_are_rounded() -> None:
 @pytest.mark.slow
 def test_a_prepared_part_can_be_read_without_torch() -> None:
     code = (
-        "import sys, acp_lab.prepared_part, acp_lab.generator.image_generator, acp_lab.generator.edge_points; "
+        "import sys, acp_lab.prepared_part; "
+        "from acp_lab.generator.painted import edge_points, image_generator; "
         "assert 'torch' not in sys.modules"
     )
     done = subprocess.run(

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from acp_lab.errors import PreparationError
-from acp_lab.generator.edge_images import EdgeImageConfig
-from acp_lab.generator.generation_quality import GenerationQuality
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.quality import GenerationQuality
 
 SMALLEST_SIZE = 16
 

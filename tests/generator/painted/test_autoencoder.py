@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acp_lab.errors import PreparationError
-from acp_lab.generator.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
-from acp_lab.generator.autoencoder_config import NetworkShape
-from acp_lab.generator.latent_regressor import LatentRegressor
+from acp_lab.generator.painted.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
+from acp_lab.generator.painted.config import NetworkShape
+from acp_lab.generator.painted.latent_regressor import LatentRegressor
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

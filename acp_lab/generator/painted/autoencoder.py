@@ -14,7 +14,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from acp_lab.generator.autoencoder_config import NetworkShape
+from acp_lab.generator.painted.config import NetworkShape
 
 PSNR_WEIGHT = 0.5
 # Most pixels show no edge: starting there saves the first steps.

@@ -29,22 +29,28 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ViewRegion
-from acp_lab.generator.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
-from acp_lab.generator.autoencoder_config import AutoencoderConfig, AutoencoderReport
-from acp_lab.generator.edge_images import EdgeView, draw_views, jitter_homographies, make_edge_views, true_points
-from acp_lab.generator.generation_quality import comparison_grid, generation_quality
-from acp_lab.generator.half_batches import halves_gradient, two_threads
-from acp_lab.generator.image_generator import (
+from acp_lab.generator.painted.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
+from acp_lab.generator.painted.checkpoint import Checkpoint, load_checkpoint
+from acp_lab.generator.painted.config import AutoencoderConfig, AutoencoderReport
+from acp_lab.generator.painted.edge_images import (
+    EdgeView,
+    draw_views,
+    jitter_homographies,
+    make_edge_views,
+    true_points,
+)
+from acp_lab.generator.painted.half_batches import halves_gradient, two_threads
+from acp_lab.generator.painted.image_generator import (
     POINT_SETS,
     AutoencoderGenerator,
     PointSet,
     RegionAutoencoder,
     one_thread,
 )
-from acp_lab.generator.latent_regressor import LatentRegressor
-from acp_lab.generator.orthogonal_steps import OrthogonalSteps
-from acp_lab.generator.training_checkpoint import Checkpoint, load_checkpoint
-from acp_lab.generator.training_watch import STAGE_NAMES, Watch, WatchedEpoch
+from acp_lab.generator.painted.latent_regressor import LatentRegressor
+from acp_lab.generator.painted.orthogonal_steps import OrthogonalSteps
+from acp_lab.generator.painted.quality import comparison_grid, generation_quality
+from acp_lab.generator.painted.watch import STAGE_NAMES, Watch, WatchedEpoch
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
 from acp_lab.geometry.homography import apply_homography
 

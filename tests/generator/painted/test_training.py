@@ -14,11 +14,11 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.generator.autoencoder_config import AutoencoderConfig, AutoencoderReport, NetworkShape
-from acp_lab.generator.autoencoder_training import TrainedRegion, one_cycle, train_autoencoder
-from acp_lab.generator.edge_images import EdgeImageConfig
-from acp_lab.generator.image_generator import POINT_SETS, AutoencoderGenerator, RegionAutoencoder
-from acp_lab.generator.training_checkpoint import Checkpoint, load_checkpoint
+from acp_lab.generator.painted.checkpoint import Checkpoint, load_checkpoint
+from acp_lab.generator.painted.config import AutoencoderConfig, AutoencoderReport, NetworkShape
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.image_generator import POINT_SETS, AutoencoderGenerator, RegionAutoencoder
+from acp_lab.generator.painted.training import TrainedRegion, one_cycle, train_autoencoder
 from acp_lab.geometry.arrays import FloatArray
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")

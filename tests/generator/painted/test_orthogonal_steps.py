@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from acp_lab.generator.orthogonal_steps import OrthogonalSteps, orthogonalised
+from acp_lab.generator.painted.orthogonal_steps import OrthogonalSteps, orthogonalised
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

@@ -20,9 +20,9 @@ from acp_lab.geometry.arrays import Float32Array, FloatArray
 if TYPE_CHECKING:
     from torch.nn import Module
 
-    from acp_lab.generator.autoencoder import Decoder
-    from acp_lab.generator.autoencoder_config import NetworkShape
-    from acp_lab.generator.latent_regressor import LatentRegressor
+    from acp_lab.generator.painted.autoencoder import Decoder
+    from acp_lab.generator.painted.config import NetworkShape
+    from acp_lab.generator.painted.latent_regressor import LatentRegressor
 
 PointSet = Literal["regressed", "mid-section"]
 """Which W the control points are the image of: the regressed one, or the box's middle section as it is."""
@@ -207,9 +207,9 @@ def one_thread() -> Iterator[None]:
 def _load(stored: RegionAutoencoder) -> _Networks:
     import torch
 
-    from acp_lab.generator.autoencoder import Decoder
-    from acp_lab.generator.autoencoder_config import NetworkShape
-    from acp_lab.generator.latent_regressor import LatentRegressor
+    from acp_lab.generator.painted.autoencoder import Decoder
+    from acp_lab.generator.painted.config import NetworkShape
+    from acp_lab.generator.painted.latent_regressor import LatentRegressor
 
     size, latent, coarse, middle, fine, hidden, _ = stored.sizes.tolist()
     shape = NetworkShape(size, latent, (coarse, middle, fine), hidden)

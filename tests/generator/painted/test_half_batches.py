@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from acp_lab.generator.half_batches import halves_gradient, two_threads
+from acp_lab.generator.painted.half_batches import halves_gradient, two_threads
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 

@@ -11,11 +11,11 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.generator.autoencoder_config import AutoencoderConfig, NetworkShape
-from acp_lab.generator.autoencoder_training import GRID_ROWS, TrainedRegion, train_autoencoder
-from acp_lab.generator.edge_images import EdgeImageConfig
-from acp_lab.generator.image_generator import AutoencoderGenerator
-from acp_lab.generator.training_watch import STAGE_NAMES, Watch, WatchedEpoch
+from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator
+from acp_lab.generator.painted.training import GRID_ROWS, TrainedRegion, train_autoencoder
+from acp_lab.generator.painted.watch import STAGE_NAMES, Watch, WatchedEpoch
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
