@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -33,6 +32,7 @@ from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import PreparationError
+from acp_lab.files import write_whole
 from acp_lab.generator.base import RigidGenerator
 from acp_lab.generator.painted.config import AutoencoderReport
 from acp_lab.generator.painted.image_generator import AutoencoderGenerator, PointSet, RegionAutoencoder
@@ -170,7 +170,7 @@ class PreparedPart:
             _save(folder / f"control_points_{region}.safetensors", {"points_obj": points})
         for region, autoencoder in self.autoencoders.items():
             _save(folder / f"autoencoder_{region}.safetensors", autoencoder.arrays())
-        _write(folder / "part.json", (json.dumps(self._header(), indent=2) + "\n").encode())
+        write_whole(folder / "part.json", (json.dumps(self._header(), indent=2) + "\n").encode())
 
     @staticmethod
     def load(folder: str | Path, mesh: str | Path | None = None) -> PreparedPart:
@@ -271,7 +271,7 @@ def read_header(folder: Path, mend: str) -> dict[str, Any]:
 def write_picture(path: Path, picture: ByteImage) -> None:
     """A grey picture (h, w) uint8 as PNG, whole or not at all."""
     _, content = cv2.imencode(".png", picture)
-    _write(path, content.tobytes())
+    write_whole(path, content.tobytes())
 
 
 def _retract(path: Path, sha256: str) -> None:
@@ -286,14 +286,7 @@ def _retract(path: Path, sha256: str) -> None:
 
 def _save(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
     # Not save_file: it makes files that only their owner may read, and parts are shared.
-    _write(path, serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()}))
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
+    write_whole(path, serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()}))
 
 
 def _assemble(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -> PreparedPart:

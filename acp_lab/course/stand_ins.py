@@ -6,8 +6,6 @@ distorts. The camera that took them is known here, so that a calibration can be 
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,7 +15,7 @@ import numpy as np
 
 from acp_lab.course.made_boards import board_views, camera_rays
 from acp_lab.course.workshop import sample_part, sample_scene
-from acp_lab.errors import InputFileError
+from acp_lab.files import replacing, write_whole
 from acp_lab.geometry.camera import Camera
 from acp_lab.sequences.calibration import Chessboard
 from acp_lab.sequences.frame import Frame
@@ -43,22 +41,18 @@ class StandIns:
 def stand_ins(folder: str | Path) -> StandIns:
     """Make the files in a folder; those that are there already are taken as they are.
 
-    Raises InputFileError when the folder cannot be written.
+    Raises InputFileError when the a file cannot be written.
     """
     folder = Path(folder)
     made = StandIns(folder / "bracket.stl", folder / "boards", folder / "clip.mp4", stand_in_camera())
-    try:
-        made.boards.mkdir(parents=True, exist_ok=True)
-        if not made.mesh.exists():
-            _write_mesh(made.mesh)
-        names = [made.boards / f"board_{number:02d}.png" for number in range(BOARD_COUNT)]
-        if not all(name.exists() for name in names):
-            for name, image in zip(names, board_views(BOARD, made.camera, BOARD_COUNT), strict=True):
-                _write_whole(name, cv2.imencode(".png", image)[1].tobytes())
-        if not made.video.exists():
-            _write_video(made.video, made.camera)
-    except OSError as error:
-        raise InputFileError(f"{folder}: cannot be written ({error.strerror}): choose another place") from None
+    if not made.mesh.exists():
+        _write_mesh(made.mesh)
+    names = [made.boards / f"board_{number:02d}.png" for number in range(BOARD_COUNT)]
+    if not all(name.exists() for name in names):
+        for name, image in zip(names, board_views(BOARD, made.camera, BOARD_COUNT), strict=True):
+            write_whole(name, cv2.imencode(".png", image)[1].tobytes())
+    if not made.video.exists():
+        _write_video(made.video, made.camera)
     return made
 
 
@@ -72,17 +66,7 @@ def _write_mesh(path: Path) -> None:
 
     part = sample_part()
     mesh = trimesh.Trimesh(0.001 * part.vertices, part.faces, process=False)
-    _write_whole(path, trimesh.exchange.stl.export_stl(mesh))
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    finally:
-        with suppress(OSError):
-            part.unlink()
+    write_whole(path, trimesh.exchange.stl.export_stl(mesh))
 
 
 def _write_video(path: Path, camera: Camera) -> None:
@@ -91,19 +75,13 @@ def _write_video(path: Path, camera: Camera) -> None:
 
     rays = camera_rays(camera)[..., :2]
     seen_at = (rays * (camera.fx, camera.fy) + (camera.cx, camera.cy)).astype(np.float32)
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with av.open(str(part), "w", format="mp4") as film:
-            stream = film.add_stream("libx264", rate=Fraction(_FPS), options={"crf": _CRF, "preset": "veryfast"})
-            stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "yuv420p"
-            for frame in sample_scene().frames():
-                if isinstance(frame, Frame):
-                    bent = cv2.remap(
-                        frame.image, seen_at[..., 0], seen_at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-                    )
-                    film.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(bent, np.uint8), format="rgb24")))
-            film.mux(stream.encode(None))
-        os.replace(part, path)
-    finally:
-        with suppress(OSError):
-            part.unlink()
+    with replacing(path, "the video") as part, av.open(str(part), "w", format="mp4") as film:
+        stream = film.add_stream("libx264", rate=Fraction(_FPS), options={"crf": _CRF, "preset": "veryfast"})
+        stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "yuv420p"
+        for frame in sample_scene().frames():
+            if isinstance(frame, Frame):
+                bent = cv2.remap(
+                    frame.image, seen_at[..., 0], seen_at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+                )
+                film.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(bent, np.uint8), format="rgb24")))
+        film.mux(stream.encode(None))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -20,6 +19,7 @@ import cv2
 import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError
+from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 
 _NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -102,15 +102,8 @@ class Camera:
 
     def to_json(self, path: str | Path) -> None:
         """Write CAMERA.json whole or not at all; raises InputFileError when the place cannot be written."""
-        path = Path(path)
         text = json.dumps({key: getattr(self, key) for key in _KEYS}, indent=2) + "\n"
-        part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            part.write_text(text, encoding="utf-8")
-            os.replace(part, path)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise InputFileError(f"{path}: not written ({error.strerror}): choose another place") from None
+        write_whole(Path(path), text.encode())
 
     @cached_property
     def matrix(self) -> FloatArray:

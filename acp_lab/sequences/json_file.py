@@ -7,15 +7,14 @@ are the rotation and translation of cam_T_obj.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError
+from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
 
@@ -91,17 +90,8 @@ def write_json(path: str | Path, values: Mapping[str, Any]) -> None:
 
     NaN and infinity are not JSON: they raise ValueError, for the caller to say what stands for them.
     """
-    path = Path(path)
     text = json.dumps(values, indent=2, allow_nan=False) + "\n"
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        with suppress(OSError):
-            part.unlink()
-        raise InputFileError(f"{path}: cannot be written ({error.strerror}): choose another place") from None
+    write_whole(Path(path), text.encode())
 
 
 def shown(value: object) -> str:

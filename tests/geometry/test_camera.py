@@ -205,8 +205,9 @@ def test_camera_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_a_camera_that_cannot_be_written(tmp_path: Path, camera: Camera) -> None:
-    with pytest.raises(InputFileError, match="not written"):
-        camera.to_json(tmp_path / "no such folder" / "CAMERA.json")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputFileError, match=r"CAMERA\.json: .*cannot be written"):
+        camera.to_json(tmp_path / "file" / "CAMERA.json")
 
 
 # --- undistortion -----------------------------------------------------------------------------------------

@@ -10,8 +10,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import os
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +20,7 @@ from acp_lab.diagnosis.causes import DiagnosisConfig
 from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose
 from acp_lab.diagnosis.frame_evidence import NEAR_PX
 from acp_lab.display.colours import BLUE, GREY, SKY, VERMILLION
-from acp_lab.errors import InputFileError
+from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.session import TrackRun
@@ -68,18 +66,7 @@ class Explanation:
 
     def save(self, path: str | Path) -> None:
         """Write the picture; raises InputFileError where that cannot be."""
-        path = Path(path)
-        part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(self.picture())
-            os.replace(part, path)
-        except OSError as error:
-            with suppress(OSError):
-                part.unlink()
-            raise InputFileError(
-                f"{path}: the picture cannot be written ({error.strerror}): choose another place"
-            ) from None
+        write_whole(Path(path), self.picture(), "the picture")
 
     def _repr_html_(self) -> str:
         diagnosis = self.diagnosis

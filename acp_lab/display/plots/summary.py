@@ -9,9 +9,7 @@ Convention: axes of images count pixels, the centre of the top-left one is (0, 0
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +19,7 @@ import numpy as np
 from acp_lab.cad.part import Part
 from acp_lab.display.accuracy import AddPercent
 from acp_lab.display.colours import GREY, LARGEST_RESIDUAL_PX, OBJECT_COLOURS, residual_colours
-from acp_lab.errors import InputFileError
+from acp_lab.files import replacing
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import SessionInfo, TrackResult
@@ -152,17 +150,8 @@ class SummaryPicture:
             f"(edges: light blue 0 px, yellow, vermillion {LARGEST_RESIDUAL_PX:.0f} px off, grey: no image edge)",
             fontsize=10,
         )
-        part = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(part, format="png")
-            os.replace(part, self.path)
-        except OSError as error:
-            with suppress(OSError):
-                part.unlink()
-            raise InputFileError(
-                f"{self.path}: the picture cannot be written ({error.strerror}): choose another place"
-            ) from None
+        with replacing(self.path, "the picture") as temporary:
+            figure.savefig(temporary, format="png")
 
 
 def _title(object_id: int, part: Part) -> str:

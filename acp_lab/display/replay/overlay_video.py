@@ -7,9 +7,7 @@ over the whole film with a mark for now. Two replays run beside each other.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -24,6 +22,7 @@ from acp_lab.display.replay.curves import STATE_COLOURS
 from acp_lab.display.replay.file import ReplayContent
 from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, shown_frames
 from acp_lab.errors import AcpLabError, InputFileError
+from acp_lab.files import replacing
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.tracking.observer import TrackState
 
@@ -69,27 +68,19 @@ def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress
         raise AcpLabError(f"{path}: films need PyAV: pip install av") from None
     panels = [_panel(content, "AB"[order] if len(contents) > 1 else "") for order, content in enumerate(contents)]
     count = max(len(panel.frames) for panel in panels)
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as film:
-            rate = Fraction(fps_of(panels[0].frames)).limit_denominator(1000)
-            stream = film.add_stream("libx264", rate=rate, options={"crf": str(CRF), "preset": "veryfast"})
-            stream.pix_fmt = "yuv420p"
-            for number in range(count):
-                picture = _even(_joined([_drawn(panel, number) for panel in panels]))
-                if number == 0:
-                    stream.height, stream.width = picture.shape[:2]
-                film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-                if progress is not None:
-                    progress("film", number + 1, count)
-            film.mux(stream.encode(None))
-        os.replace(part, path)
-    except OSError as error:
-        raise InputFileError(f"{path}: the film cannot be written ({error.strerror}): choose another place") from None
-    finally:
-        with suppress(OSError):
-            part.unlink()
+    options = {"movflags": "+faststart"}
+    with replacing(path, "the film") as part, av.open(str(part), "w", format="mp4", options=options) as film:
+        rate = Fraction(fps_of(panels[0].frames)).limit_denominator(1000)
+        stream = film.add_stream("libx264", rate=rate, options={"crf": str(CRF), "preset": "veryfast"})
+        stream.pix_fmt = "yuv420p"
+        for number in range(count):
+            picture = _even(_joined([_drawn(panel, number) for panel in panels]))
+            if number == 0:
+                stream.height, stream.width = picture.shape[:2]
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            if progress is not None:
+                progress("film", number + 1, count)
+        film.mux(stream.encode(None))
     return count
 
 

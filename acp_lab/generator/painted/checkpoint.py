@@ -7,7 +7,6 @@ is as good as none. Written whole or not at all.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -15,6 +14,8 @@ from pathlib import Path
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as serialise
+
+from acp_lab.files import write_whole
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,7 @@ class Checkpoint:
         """Write the file, replacing an older one."""
         state = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "tensors"}
         tensors = {key: value.detach().contiguous() for key, value in self.tensors.items()}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        temporary.write_bytes(serialise(tensors, {"state": json.dumps(state)}))
-        os.replace(temporary, path)
+        write_whole(path, serialise(tensors, {"state": json.dumps(state)}), "the checkpoint")
 
 
 def load_checkpoint(path: Path, belongs_to: str) -> Checkpoint | None:

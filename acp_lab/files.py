@@ -1,0 +1,42 @@
+"""Writing a file whole or not at all, so that a run that is stopped leaves the old file or none, never half of one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from acp_lab.errors import InputFileError
+
+
+@contextmanager
+def replacing(path: Path, what: str = "the file") -> Iterator[Path]:
+    """A temporary path beside `path` to write to: it replaces `path` when the context ends, and vanishes on an error.
+
+    The folder is made if there is none. The file gets the usual permissions: it is not a private one of `tempfile`.
+    It is not forced to the disk (fsync): a crash of the program leaves it whole, one of the machine may not.
+
+    Args:
+        what: names the file's content in the message, such as "the picture".
+
+    Raises:
+        InputFileError: the file cannot be written (any OSError within the context).
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        os.replace(temporary, path)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise InputFileError(f"{path}: {what} cannot be written ({reason}): choose another place") from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def write_whole(path: Path, content: bytes, what: str = "the file") -> None:
+    """Write a file of that content; see `replacing`."""
+    with replacing(path, what) as temporary:
+        temporary.write_bytes(content)
