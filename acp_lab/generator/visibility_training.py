@@ -11,12 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from acp_lab.cad.edges import EdgeSamples, facing, nearly_showing, unoccluded
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.view_regions import ViewRegion, sample_directions
+from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
+from acp_lab.generator.training_loop import AdamOneCycle, LossGradient, Training, batch_gradient
 from acp_lab.generator.visibility import RegionNetwork, network_inputs
 
 Progress = Callable[[int, int], None]
@@ -90,75 +93,68 @@ def train_region(
     Args:
         progress: called with (epochs done, epochs in all).
     """
-    # The matrices are small: two threads spend their time waiting for each other, badly so on a busy machine.
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        return _train(part, edges, caster, region, config, seed, progress)
-    finally:
-        torch.set_num_threads(threads)
+    with one_thread():
+        views = _make_views(part, edges, caster, region, config.views + config.held_out, config, seed)
+        rows = np.flatnonzero(views.asked.any(0))
+        # Within a region some coordinates hardly vary; unscaled, the network would not hear them.
+        mean, spread = views.inputs.mean(0), views.inputs.std(0) + 1e-3
+        inputs = torch.from_numpy((views.inputs - mean) / spread)
+        torch_seed = seed * 100 + region.index
+        model = _network(config.hidden, len(rows), torch_seed)
+        training = _training(model, inputs, views, rows, config, torch_seed)
+        loss = float("nan")
+        for epoch in training.run():
+            loss = epoch.loss
+            if progress is not None:
+                progress(epoch.done, config.epochs)
+        called = np.zeros_like(views.free[config.views :])
+        with torch.no_grad():
+            called[:, rows] = (model(inputs[config.views :]) > 0).numpy()
+    return _stored(model, mean, spread, rows), _report(region.index, called, views, config.views, loss)
 
 
-def _train(
-    part: Part,
-    edges: EdgeSamples,
-    caster: RayCaster,
-    region: ViewRegion,
-    config: TrainingConfig,
-    seed: int,
-    progress: Progress | None,
-) -> tuple[RegionNetwork, TrainingReport]:
-    views = _make_views(part, edges, caster, region, config.views + config.held_out, config, seed)
-    rows = np.flatnonzero(views.asked.any(0))
-    generator = torch.Generator().manual_seed(seed * 100 + region.index)
+def _network(hidden: int, outputs: int, torch_seed: int) -> torch.nn.Sequential:
     with torch.random.fork_rng():
-        torch.manual_seed(seed * 100 + region.index)
-        model = torch.nn.Sequential(
-            torch.nn.Linear(8, config.hidden),
+        torch.manual_seed(torch_seed)
+        return torch.nn.Sequential(
+            torch.nn.Linear(8, hidden),
             torch.nn.ReLU(),
-            torch.nn.Linear(config.hidden, config.hidden),
+            torch.nn.Linear(hidden, hidden),
             torch.nn.ReLU(),
-            torch.nn.Linear(config.hidden, len(rows)),
+            torch.nn.Linear(hidden, outputs),
         )
-    # Within a region some coordinates hardly vary; unscaled, the network would not hear them.
-    mean, spread = views.inputs.mean(0), views.inputs.std(0) + 1e-3
-    scaled = (views.inputs - mean) / spread
-    inputs = torch.from_numpy(scaled[: config.views])
+
+
+def _training(
+    model: torch.nn.Sequential, inputs: Tensor, views: _Views, rows: np.ndarray, config: TrainingConfig, torch_seed: int
+) -> Training[Tensor]:
+    """Data, loss and schedule; a batch is a row of numbers (b,) of training views."""
     free = torch.from_numpy(views.free[: config.views, rows])
     asked = torch.from_numpy(views.asked[: config.views, rows])
-    optimiser = torch.optim.Adam(model.parameters(), lr=config.peak_rate)
-    steps_per_epoch = -(-config.views // config.batch)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, config.peak_rate, epochs=config.epochs, steps_per_epoch=steps_per_epoch
-    )
-    mean_loss = float("nan")
-    for epoch in range(config.epochs):
-        order = torch.randperm(config.views, generator=generator)
-        losses = []
-        for batch in order.split(config.batch):
-            mask = asked[batch].float()
-            loss = torch.nn.functional.binary_cross_entropy_with_logits(
-                model(inputs[batch]), free[batch].float(), weight=mask, reduction="sum"
-            ) / mask.sum().clamp(min=1.0)
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            losses.append(loss.item())
-        mean_loss = float(np.mean(losses))
-        if progress is not None:
-            progress(epoch + 1, config.epochs)
+    generator = torch.Generator().manual_seed(torch_seed)
+    optimiser = AdamOneCycle(model.parameters(), config.peak_rate, config.epochs * -(-config.views // config.batch))
+
+    def batches(epoch: int) -> tuple[Tensor, ...]:
+        return torch.randperm(config.views, generator=generator).split(config.batch)
+
+    def gradient(batch: Tensor) -> LossGradient:
+        mask = asked[batch].float()
+        loss = torch.nn.functional.binary_cross_entropy_with_logits(
+            model(inputs[batch]), free[batch].float(), weight=mask, reduction="sum"
+        ) / mask.sum().clamp(min=1.0)
+        return batch_gradient(loss, optimiser.parameters)
+
+    return Training(config.epochs, batches, gradient, optimiser.step)
+
+
+def _stored(model: torch.nn.Sequential, mean: np.ndarray, spread: np.ndarray, rows: np.ndarray) -> RegionNetwork:
+    """The trained network; the scaling of its inputs goes into the first layer."""
     tensors = [parameter.detach().numpy().astype(np.float32) for parameter in model.parameters()]
     weight1, bias1, weight2, bias2, weight3, bias3 = tensors
-    # The scaling goes into the first layer. The last one is rounded to what is stored, so that a part
-    # gives the same edges before and after it was saved.
     bias1 = bias1 - weight1 @ (mean / spread)
+    # Rounded to what is stored, so that a part gives the same edges before and after it was saved.
     weight3 = weight3.astype(np.float16).astype(np.float32)
-    network = RegionNetwork(weight1 / spread, bias1, weight2, bias2, weight3, bias3, rows.astype(np.int32))
-    called = np.zeros_like(views.free[config.views :])
-    with torch.no_grad():
-        called[:, rows] = (model(torch.from_numpy(scaled[config.views :])) > 0).numpy()
-    return network, _report(region.index, called, views, config.views, mean_loss)
+    return RegionNetwork(weight1 / spread, bias1, weight2, bias2, weight3, bias3, rows.astype(np.int32))
 
 
 def _report(region: int, called: np.ndarray, views: _Views, first: int, loss: float) -> TrainingReport:

@@ -9,21 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import TypeVar
 
 import torch
 from torch import Tensor
 
+from acp_lab.generator.training_loop import LossGradient
+
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class LossGradient:
-    """loss: mean over a batch; gradients: of the loss, one per parameter, in their order."""
-
-    loss: float
-    gradients: tuple[Tensor, ...]
 
 
 def two_threads() -> ThreadPoolExecutor:

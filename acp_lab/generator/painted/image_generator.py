@@ -7,14 +7,14 @@ torch is imported when a region is first used, so that a prepared part can be re
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
 from acp_lab.errors import PreparationError
+from acp_lab.generator.one_thread import one_thread
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
 if TYPE_CHECKING:
@@ -186,22 +186,6 @@ class AutoencoderGenerator:
                     f"({str(error).splitlines()[0]}); run acp-lab prepare with --generator autoencoder --no-resume"
                 ) from None
         return self._networks[region]
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """torch in one thread, and as before afterwards."""
-    import torch
-
-    threads = torch.get_num_threads()
-    if threads == 1:
-        yield
-        return
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _load(stored: RegionAutoencoder) -> _Networks:

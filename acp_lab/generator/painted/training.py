@@ -6,9 +6,6 @@
 3. Fine-tuning: regressor and decoder together, again by eq. 4. (Deviation from the paper; 0 epochs switch it off.)
 4. A second regressor onto the same decoder, for control points that belong to the box's middle section as it is. Its
    targets are the codes of the first one, so no image is drawn.
-
-Every epoch draws each view once, by a freshly jittered camera. All random choices of an epoch come from (seed,
-region, stage, epoch), so that a training that goes on from its checkpoint ends in the same numbers as one in one go.
 """
 
 from __future__ import annotations
@@ -16,12 +13,12 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -29,36 +26,25 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ViewRegion
+from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.painted.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
 from acp_lab.generator.painted.checkpoint import Checkpoint, load_checkpoint
 from acp_lab.generator.painted.config import AutoencoderConfig, AutoencoderReport
-from acp_lab.generator.painted.edge_images import (
-    EdgeView,
-    draw_views,
-    jitter_homographies,
-    make_edge_views,
-    true_points,
-)
 from acp_lab.generator.painted.half_batches import halves_gradient, two_threads
-from acp_lab.generator.painted.image_generator import (
-    POINT_SETS,
-    AutoencoderGenerator,
-    PointSet,
-    RegionAutoencoder,
-    one_thread,
-)
+from acp_lab.generator.painted.image_generator import POINT_SETS, AutoencoderGenerator, PointSet, RegionAutoencoder
 from acp_lab.generator.painted.latent_regressor import LatentRegressor
 from acp_lab.generator.painted.orthogonal_steps import OrthogonalSteps
 from acp_lab.generator.painted.quality import comparison_grid, generation_quality
+from acp_lab.generator.painted.training_set import Batch, Jittered, TrainingSet, edges_of
 from acp_lab.generator.painted.watch import STAGE_NAMES, Watch, WatchedEpoch
-from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
-from acp_lab.geometry.homography import apply_homography
+from acp_lab.generator.training_loop import LossGradient, Training
+from acp_lab.geometry.arrays import ByteImage, FloatArray
 
 Progress = Callable[[int, int], None]
 
 # The learning rate rises over this share of a stage, then falls along a cosine.
 WARM_UP = 0.2
-# A checkpoint of a training that computed its gradients otherwise would go on to other numbers.
+# A checkpoint of a training that computed its gradients otherwise would lead to other numbers.
 _METHOD = "half batches"
 GRID_ROWS = 8
 
@@ -94,43 +80,36 @@ def train_autoencoder(
     Args:
         regressed_points: (4, 3) mm, the region's W; the middle section's is trained beside it.
         progress: called with (epochs done, epochs in all), after the epoch was stored.
-        checkpoint: file to store half-trained networks in and to go on from; it is left for the caller to remove.
+        checkpoint: file to store half-trained networks in and to resume from; it is left for the caller to remove.
         watch: shown what the networks paint after every epoch; it changes nothing in the result.
 
     Raises:
         PreparationError: settings that do not fit together.
         PartError: the mesh has no edges.
+        InputFileError: the checkpoint cannot be written.
     """
     points: dict[PointSet, FloatArray] = {
         "regressed": regressed_points,
         "mid-section": mid_section_points(part.box_min, part.box_max, region.axis),
     }
     with one_thread(), two_threads() as workers:  # this thread's own share is small
-        training = _Training(part, caster, region, points, config, seed, checkpoint)
+        training = _RegionTraining(part, caster, region, points, config, seed, checkpoint)
         training.run(workers, progress, watch)
         return training.result()
 
 
 @dataclass(frozen=True)
 class _Stage:
+    """What is particular to a stage; `draws`: its loss needs images."""
+
     epochs: int
-    rate: float
+    peak_rate: float
     parameters: list[torch.nn.Parameter]
-    batch_loss: Callable[[_Batch], Tensor]
-    draws: bool
+    loss: Callable[[Batch], Tensor]
+    draws: bool = True
 
 
-# A view, and the homography (3, 3) from its canonical frame into that of a jittered camera.
-_Jittered = tuple[EdgeView, FloatArray]
-
-
-@dataclass(frozen=True)
-class _Batch:
-    images: Tensor  # (b, 1, size, size); empty where a stage draws none
-    points: Mapping[PointSet, Tensor]  # (b, 8) each
-
-
-class _Training:
+class _RegionTraining:
     def __init__(
         self,
         part: Part,
@@ -142,46 +121,39 @@ class _Training:
         checkpoint: Path | None,
     ) -> None:
         self._begin = time.perf_counter()
-        self._region, self._config, self._seed, self._path = region.index, config, seed, checkpoint
-        self._points_obj = points_obj
+        self._region, self._path = region.index, checkpoint
         marks = (_METHOD, config, seed, region.index, part.sha256, [points_obj[name].tolist() for name in POINT_SETS])
         self._belongs_to = hashlib.sha256(repr(marks).encode()).hexdigest()
-
-        images = config.images
-        self._shape = replace(config.shape, size=images.size)
-        views = make_edge_views(part, caster, region, images, images.views + images.held_out, seed)
-        self._views, self._held_out = views[: images.views], views[images.views :]
-        self._held_out_h = jitter_homographies([v.frame for v in self._held_out], images, self._rng(9, 0))
-
+        self._data = TrainingSet(part, caster, region, points_obj, config.images, config.batch, seed)
+        self._shape = replace(config.shape, size=config.images.size)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed * 100 + region.index)
             self.encoder, self.decoder = Encoder(self._shape), Decoder(self._shape)
             self.regressors: dict[PointSet, LatentRegressor] = {
                 name: LatentRegressor(self._shape) for name in POINT_SETS
             }
-        drawn = jitter_homographies([v.frame for v in self._views], images, self._rng(8, 0))
-        for name, points in self._control_points(self._views, drawn).items():
+        for name, points in self._data.typical_points().items():
             self.regressors[name].standardise(points)
-        self._stages = self._make_stages()
-        self._reconstructions = torch.zeros(len(self._held_out), images.size, images.size)
+        self._stages = self._make_stages(config)
+        self._reconstructions = torch.zeros(config.images.held_out, self._shape.size, self._shape.size)
         self._losses: list[float] = []
         self._earlier_s = 0.0
 
-    def _make_stages(self) -> tuple[_Stage, ...]:
-        config, first, second = self._config, self.regressors["regressed"], self.regressors["mid-section"]
+    def _make_stages(self, config: AutoencoderConfig) -> tuple[_Stage, ...]:
+        first, second = self.regressors["regressed"], self.regressors["mid-section"]
 
-        def reconstruction(batch: _Batch) -> Tensor:
+        def reconstruction(batch: Batch) -> Tensor:
             return autoencoder_loss(self.decoder(self.encoder(batch.images)), batch.images)
 
-        def code(batch: _Batch) -> Tensor:
+        def code(batch: Batch) -> Tensor:
             with torch.no_grad():
                 target = self.encoder(batch.images)
             return torch.nn.functional.mse_loss(first(batch.points["regressed"]), target)
 
-        def generation(batch: _Batch) -> Tensor:
+        def generation(batch: Batch) -> Tensor:
             return autoencoder_loss(self.decoder(first(batch.points["regressed"])), batch.images)
 
-        def same_code(batch: _Batch) -> Tensor:
+        def same_code(batch: Batch) -> Tensor:
             with torch.no_grad():
                 target = first(batch.points["regressed"])
             return torch.nn.functional.mse_loss(second(batch.points["mid-section"]), target)
@@ -189,10 +161,10 @@ class _Training:
         both = [*self.encoder.parameters(), *self.decoder.parameters()]
         tuned = [*first.parameters(), *self.decoder.parameters()]
         return (
-            _Stage(config.autoencoder_epochs, config.autoencoder_rate, both, reconstruction, True),
-            _Stage(config.latent_epochs, config.latent_rate, list(first.parameters()), code, True),
-            _Stage(config.fine_tune_epochs, config.fine_tune_rate, tuned, generation, True),
-            _Stage(config.second_epochs, config.latent_rate, list(second.parameters()), same_code, False),
+            _Stage(config.autoencoder_epochs, config.autoencoder_rate, both, reconstruction),
+            _Stage(config.latent_epochs, config.latent_rate, list(first.parameters()), code),
+            _Stage(config.fine_tune_epochs, config.fine_tune_rate, tuned, generation),
+            _Stage(config.second_epochs, config.latent_rate, list(second.parameters()), same_code, draws=False),
         )
 
     def run(self, workers: Executor, progress: Progress | None, watch: Watch | None = None) -> None:
@@ -211,74 +183,49 @@ class _Training:
                 done += first_epoch
             else:
                 self._losses.append(0.0)
-            for epoch in range(first_epoch, stage.epochs):
-                # Without images a step is over before two threads have begun.
-                self._losses[-1] = self._epoch(number, stage, epoch, steps, workers if stage.draws else None)
+            for epoch in self._training(number, steps, workers).run(first_epoch):
+                self._losses[-1] = epoch.loss
                 done += 1
-                if number == 0 and epoch + 1 == stage.epochs:
+                if number == 0 and epoch.done == stage.epochs:
                     self._reconstructions = self._reconstruct()
-                self._store(number, epoch + 1, steps)
+                self._store(number, epoch.done, steps)
                 if progress is not None:
                     progress(done, total)
                 if watch is not None:
-                    watch(self._watched(number, epoch + 1, done, total))
+                    watch(self._watched(number, epoch.done, done, total))
 
-    def _epoch(self, number: int, stage: _Stage, epoch: int, steps: OrthogonalSteps, workers: Executor | None) -> float:
-        per_epoch = math.ceil(len(self._views) / self._config.batch)
+    def _training(self, number: int, steps: OrthogonalSteps, workers: Executor) -> Training[list[Jittered]]:
+        """Data, loss and schedule of a stage."""
+        stage, data = self._stages[number], self._data
+        total = stage.epochs * data.batches_per_epoch
+        # Without images a step is over before two threads have begun.
+        shared = workers if stage.draws else None
 
-        def mean_loss(jittered: Sequence[_Jittered]) -> Tensor:
-            return stage.batch_loss(self._batch(jittered, stage.draws))
+        def mean_loss(jittered: Sequence[Jittered]) -> Tensor:
+            return stage.loss(data.batch(jittered, stage.draws))
 
-        losses = []
-        for index, jittered in enumerate(self._jittered(number, epoch)):
-            found = halves_gradient(jittered, mean_loss, steps.parameters, workers)
-            share = (epoch * per_epoch + index + 1) / (stage.epochs * per_epoch)
-            steps.step(found.gradients, stage.rate * one_cycle(share), workers)
-            losses.append(found.loss)
-        return float(np.mean(losses))
+        def gradient(jittered: list[Jittered]) -> LossGradient:
+            return halves_gradient(jittered, mean_loss, steps.parameters, shared)
 
-    def _jittered(self, number: int, epoch: int) -> Iterator[list[_Jittered]]:
-        """The batches of an epoch: every view once, each by a jittered camera of its own."""
-        rng, images = self._rng(number, epoch + 1), self._config.images
-        order = rng.permutation(len(self._views))
-        for start in range(0, len(order), self._config.batch):
-            views = [self._views[row] for row in order[start : start + self._config.batch]]
-            homographies = jitter_homographies([view.frame for view in views], images, rng)
-            yield list(zip(views, homographies, strict=True))
+        def step(gradients: Sequence[Tensor]) -> None:
+            steps.step(gradients, stage.peak_rate * one_cycle((steps.count + 1) / total), shared)
 
-    def _batch(self, jittered: Sequence[_Jittered], draws: bool) -> _Batch:
-        views, homographies = [view for view, _ in jittered], np.stack([h for _, h in jittered])
-        sigma_px = self._config.images.line_sigma_px
-        drawn = draw_views(views, homographies, sigma_px)[:, None] if draws else np.empty(0, np.float32)
-        points = self._control_points(views, homographies)
-        return _Batch(torch.from_numpy(drawn), {name: torch.from_numpy(value) for name, value in points.items()})
-
-    def _control_points(self, views: list[EdgeView], homographies: FloatArray) -> dict[PointSet, Float32Array]:
-        """(b, 8) by W: the control points that jittered cameras (b, 3, 3) see."""
-        return {
-            name: np.stack(
-                [
-                    apply_homography(h, view.frame.project(points)).reshape(8)
-                    for h, view in zip(homographies, views, strict=True)
-                ]
-            ).astype(np.float32)
-            for name, points in self._points_obj.items()
-        }
+        return Training(stage.epochs, partial(data.batches, number), gradient, step)
 
     def _reconstruct(self) -> Tensor:
-        images = draw_views(self._held_out, self._held_out_h, self._config.images.line_sigma_px)
+        images = self._data.images(self._data.held_out())
         with torch.no_grad():
             return torch.sigmoid(self.decoder(self.encoder(torch.from_numpy(images)[:, None])))[:, 0]
 
     def _watched(self, stage: int, epoch: int, done: int, total: int) -> WatchedEpoch:
-        views, homographies = self._held_out[:GRID_ROWS], self._held_out_h[:GRID_ROWS]
-        truth = torch.from_numpy(draw_views(views, homographies, self._config.images.line_sigma_px))[:, None]
+        batch = self._data.batch(self._data.held_out(GRID_ROWS), draws=True)
+        truth = batch.images
         with torch.no_grad():
             if stage == 0:
                 codes = self.encoder(truth)
             else:
                 name: PointSet = "mid-section" if STAGE_NAMES[stage] == "second regressor" else "regressed"
-                codes = self.regressors[name](torch.from_numpy(self._control_points(views, homographies)[name]))
+                codes = self.regressors[name](batch.points[name])
             logits = self.decoder(codes)
             painted = torch.sigmoid(logits)
             parts = bce_loss(logits, truth), inverse_psnr_loss(painted, truth), autoencoder_loss(logits, truth)
@@ -296,11 +243,11 @@ class _Training:
 
     def result(self) -> TrainedRegion:
         """The stored form of the networks, judged as it will be used."""
-        name = f"region {self._region}"
-        stored = RegionAutoencoder.of_networks(self._shape, self.decoder, self.regressors, self._points_obj)
-        generator = AutoencoderGenerator({self._region: stored}, name)
-        truth = [true_points(view, h) for view, h in zip(self._held_out, self._held_out_h, strict=True)]
-        inputs = self._control_points(self._held_out, self._held_out_h)
+        data = self._data
+        stored = RegionAutoencoder.of_networks(self._shape, self.decoder, self.regressors, data.points_obj)
+        generator = AutoencoderGenerator({self._region: stored}, f"region {self._region}")
+        held_out = data.held_out()
+        truth, inputs = edges_of(held_out), data.control_points(held_out)
         generated = {
             which: generator.edge_images(inputs[which].reshape(-1, 4, 2), self._region, which) for which in POINT_SETS
         }
@@ -317,12 +264,9 @@ class _Training:
             second_loss,
             self._seconds(),
         )
-        drawn = draw_views(self._held_out[:GRID_ROWS], self._held_out_h[:GRID_ROWS], self._config.images.line_sigma_px)
+        drawn = data.images(held_out[:GRID_ROWS])
         grid = comparison_grid([drawn, reconstructed[:GRID_ROWS], generated["regressed"][:GRID_ROWS]])
         return TrainedRegion(stored, report, grid)
-
-    def _rng(self, stage: int, epoch: int) -> np.random.Generator:
-        return np.random.default_rng([self._seed, self._region, stage, epoch])
 
     def _seconds(self) -> float:
         return self._earlier_s + time.perf_counter() - self._begin
