@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from acp_lab.evaluation import evaluate
     from acp_lab.geometry.camera import Camera
     from acp_lab.preparation import prepare
-    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.prepared_part import PreparedPart, PrepareOptions
     from acp_lab.sequences import open_sequence
     from acp_lab.tracking.results_file import ResultsFile
     from acp_lab.tracking.snap import snap
@@ -40,6 +40,7 @@ __all__ = [
     "Camera",
     "Part",
     "PoseAligner",
+    "PrepareOptions",
     "PreparedPart",
     "Replay",
     "ResultsFile",
@@ -57,6 +58,7 @@ _HOME = {
     "Camera": "acp_lab.geometry.camera",
     "Part": "acp_lab.cad.part",
     "PoseAligner": "acp_lab.display.widgets",
+    "PrepareOptions": "acp_lab.prepared_part",
     "PreparedPart": "acp_lab.prepared_part",
     "Replay": "acp_lab.display.replay.recorder",
     "ResultsFile": "acp_lab.tracking.results_file",

@@ -115,22 +115,25 @@ def prepare(
     ] = True,
 ) -> None:
     """Prepare CAD models for tracking: edges, control points and the generators of edges."""
-    from acp_lab.commands.prepare import PrepareOptions, prepare_parts
+    from acp_lab.commands.machine import limit_threads
 
-    prepare_parts(
-        PrepareOptions(
-            meshes=tuple(meshes),
-            out=out,
-            generator=generator.value,
-            fast=fast,
-            regions=_regions(regions),
-            edge_break_mm=edge_break,
-            edge_source=edges.value,
-            seed=seed,
-            threads=threads,
-            resume=resume,
-        )
+    # One thread is the default: the networks are so small that threads wait for each other longer than they work (on
+    # a busy machine of two cores, two threads took seven times as long as one), and the numbers are the same on every
+    # machine. Only the auto-encoder is large enough for two, and it takes them by itself.
+    limit_threads(threads)
+    from acp_lab.commands.prepare import prepare_parts
+    from acp_lab.prepared_part import PrepareOptions
+
+    options = PrepareOptions(
+        generator=generator.value,
+        fast=fast,
+        regions=_regions(regions),
+        edge_break_mm=edge_break,
+        edge_source=edges.value,
+        seed=seed,
+        resume=resume,
     )
+    prepare_parts(meshes, out, options)
 
 
 @app.command()

@@ -40,3 +40,13 @@ def write_whole(path: Path, content: bytes, what: str = "the file") -> None:
     """Write a file of that content; see `replacing`."""
     with replacing(path, what) as temporary:
         temporary.write_bytes(content)
+
+
+def write_changed(path: Path, content: bytes, what: str = "the file") -> None:
+    """Write a file of that content, unless it holds that very content already; see `replacing`."""
+    try:
+        is_same = path.read_bytes() == content
+    except OSError:
+        is_same = False
+    if not is_same:
+        write_whole(path, content, what)

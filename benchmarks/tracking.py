@@ -94,6 +94,7 @@ def main() -> None:
 
     from acp_lab.geometry.pose import disturb_pose
     from acp_lab.preparation import prepare
+    from acp_lab.prepared_part import PrepareOptions
     from acp_lab.sequences.bop import BopDataset
 
     print(f"CPU: {machine.cpu_model()}; one thread")
@@ -105,7 +106,7 @@ def main() -> None:
             scene = dataset.open_scene(scene_id)
             for object_id, pose in scene.first_poses.items():
                 part = dataset.part(object_id)
-                model = prepare(part, generator=options.generator, out=options.parts / dataset.name)
+                model = prepare(part, PrepareOptions(generator=options.generator), out=options.parts / dataset.name)
                 exact.append(track_scene(dataset, scene, model, object_id, pose))
                 for seed, rows in noisy.items():
                     rng = np.random.default_rng([seed, scene_id, object_id])

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from acp_lab.errors import InputFileError
-from acp_lab.files import replacing, write_whole
+from acp_lab.files import replacing, write_changed, write_whole
 
 
 def names(folder: Path) -> list[str]:
@@ -81,3 +81,14 @@ def test_others_may_read_the_file_as_far_as_the_umask_says(tmp_path: Path) -> No
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "a.bin").stat().st_mode) == 0o644
+
+
+def test_the_same_content_is_not_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    write_changed(path, b"first")
+    os.utime(path, (1.0, 1.0))
+    write_changed(path, b"first")
+    assert path.stat().st_mtime == 1.0
+    write_changed(path, b"then")
+    assert path.stat().st_mtime > 1.0
+    assert path.read_bytes() == b"then"

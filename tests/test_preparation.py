@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acp_lab import preparation
 from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
@@ -22,8 +24,7 @@ from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.visibility_training import TrainingConfig
-from acp_lab.preparation import prepare
-from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, PreparedPart
+from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, PreparedPart, PrepareOptions
 from tests.made_parts import box, bracket, sheet
 
 
@@ -69,6 +70,10 @@ def quick_work() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
+def prepare(part: Part, *, out: Path | None = None, progress: Told | None = None, **wishes: Any) -> PreparedPart:
+    return preparation.prepare(part, PrepareOptions(**wishes), out=out, progress=progress)
+
+
 def folder_bytes(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.suffix == ".safetensors"}
 
@@ -103,8 +108,8 @@ def test_both_generators_for_all_regions(tmp_path: Path) -> None:
     model = prepare(bracket(), fast=True, out=tmp_path, progress=told)
     assert model.generator_names == ("learned", "templates")
     assert sorted(model.networks) == [0, 1, 2, 3, 4, 5]
-    assert [report.region for report in model.reports] == [0, 1, 2, 3, 4, 5]
-    assert all(report.train_s > 0.0 for report in model.reports)
+    assert [report.region for report in model.networks.reports.values()] == [0, 1, 2, 3, 4, 5]
+    assert all(report.train_s > 0.0 for report in model.networks.reports.values())
     names = [f"visibility network, region {name}" for name in ("+x", "-x", "+y", "-y", "+z", "-z")]
     assert told.stages == ["view templates", *names]
     assert PreparedPart.load(tmp_path / "bracket").generator_names == ("learned", "templates")
@@ -129,6 +134,44 @@ def test_the_same_seed_gives_the_same_files(tmp_path: Path) -> None:
         prepare(bracket(), fast=True, regions=(1,), seed=5, out=tmp_path / name)
     assert folder_bytes(tmp_path / "first" / "bracket") == folder_bytes(tmp_path / "again" / "bracket")
     assert header(tmp_path / "first" / "bracket") == header(tmp_path / "again" / "bracket")
+
+
+def test_the_options_are_recorded_by_the_generator_that_was_asked_for(tmp_path: Path) -> None:
+    prepare(bracket(), generator="templates", out=tmp_path)
+    prepare(bracket(), fast=True, regions=(3,), seed=2, out=tmp_path)
+    model = prepare(bracket(), fast=True, regions=(5, 3), seed=2, out=tmp_path)
+    expected = {
+        "templates": PrepareOptions("templates"),
+        "both": PrepareOptions("both", fast=True, regions=(3, 5), seed=2),
+    }
+    assert model.options == expected
+    assert PreparedPart.load(tmp_path / "bracket").options == expected
+    assert header(tmp_path / "bracket")["options"]["both"]["regions"] == [3, 5]
+
+
+def test_the_regions_of_each_generator_are_known(tmp_path: Path) -> None:
+    prepare(bracket(), fast=True, regions=(5,), out=tmp_path)
+    paint(tmp_path, regions=(4, 1))
+    model = PreparedPart.load(tmp_path / "bracket")
+    assert model.regions_by_generator == {"learned": (5,), "templates": (0, 1, 2, 3, 4, 5), "autoencoder": (1, 4)}
+    assert model.best_generator().regions == (5,)
+    assert model.autoencoder().regions == (1, 4)
+
+
+def test_a_finished_region_leaves_the_other_files_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    prepare(bracket(), fast=True, regions=(0,), out=tmp_path)
+    written: list[str] = []
+
+    def count(source: Path, target: Path, really: Any = os.replace) -> None:
+        written.append(Path(target).name)
+        really(source, target)
+
+    monkeypatch.setattr(os, "replace", count)
+    prepare(bracket(), fast=True, regions=(0, 1, 2), out=tmp_path)
+    assert written == ["visibility_1.safetensors", "part.json", "visibility_2.safetensors", "part.json"]
+    written.clear()
+    prepare(bracket(), fast=True, regions=(0, 1, 2), out=tmp_path)
+    assert written == []
 
 
 # ---- what is taken up again ----------------------------------------------------------------------------------
@@ -351,7 +394,8 @@ def test_templates_are_made_without_torch() -> None:
     """It takes seconds to import, and templates are for those in a hurry."""
     code = (
         "import sys; from tests.made_parts import box; from acp_lab.preparation import prepare; "
-        "prepare(box(), generator='templates').best_generator(); assert 'torch' not in sys.modules"
+        "from acp_lab.prepared_part import PrepareOptions; "
+        "prepare(box(), PrepareOptions('templates')).best_generator(); assert 'torch' not in sys.modules"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False

@@ -28,7 +28,7 @@ def run_demo(out: Path) -> None:
     from acp_lab.commands.machine import cpu_model, limit_threads
 
     limit_threads(1)  # before anything imports NumPy
-    from acp_lab.commands.prepare import PrepareOptions, prepare_parts
+    from acp_lab.commands.prepare import prepare_parts
     from acp_lab.commands.track import TrackOptions, scene_jobs
     from acp_lab.commands.track_run import run_jobs
     from acp_lab.display.plots.summary import SummaryPicture
@@ -37,7 +37,7 @@ def run_demo(out: Path) -> None:
     scene = open_sample()
     meshes = tuple(scene.dataset.part_path(object_id) for object_id in scene.object_ids)
     print(f"Preparing {len(meshes)} part{'s'[: len(meshes) > 1]} (trained once, then kept) ...", flush=True)
-    prepare_parts(PrepareOptions(meshes, out / "parts"))
+    prepare_parts(meshes, out / "parts")
     options = TrackOptions(
         parts=out / "parts", out=out / "results.csv", dataset=scene.dataset.root, replay=out / "replay.rrd"
     )

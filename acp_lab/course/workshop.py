@@ -89,16 +89,16 @@ def sample_model(quick: bool = True, generator: str = "both", regions: tuple[int
     """The bracket, prepared; the first call of all takes its time, later ones read what is there.
 
     quick: short training (about 15 s in all) instead of the full one (about 40 s); they are kept apart.
-    generator, regions: as in `acp_lab.prepare`; each generator is added to what is there. The autoencoder takes
+    generator, regions: as in `acp_lab.PrepareOptions`; each generator is added to what is there. The autoencoder takes
     longest: ask for (SAMPLE_REGION,) alone.
     """
     from acp_lab.preparation import prepare
+    from acp_lab.prepared_part import PrepareOptions
 
     out = files_folder() / ("parts_quick" if quick else "parts")
     progress = _Progress()
-    model = prepare(
-        sample_part(), generator=generator, fast=quick, regions=regions, seed=0, out=out, progress=progress.show
-    )
+    options = PrepareOptions(generator=generator, fast=quick, regions=regions)
+    model = prepare(sample_part(), options, out=out, progress=progress.show)
     progress.close()
     return model
 

@@ -75,10 +75,19 @@ class VisibleSamples:
 
 
 class RigidGenerator(Protocol):
-    """A t(I) that chooses visible samples of a rigid part."""
+    """A t(I) that chooses visible samples of a rigid part.
+
+    Attributes:
+        edges: the part's 3D edge samples.
+    """
 
     name: str
     edges: EdgeSamples
+
+    @property
+    def regions(self) -> tuple[int, ...]:
+        """The view regions 0..5 that it was prepared for, ascending."""
+        ...
 
     def visible(self, cam_T_obj: np.ndarray, region: int, count: int) -> VisibleSamples:
         """At most `count` samples that show at a pose (4, 4); `region` 0..5 is the view region in use."""

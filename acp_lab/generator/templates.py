@@ -16,6 +16,7 @@ from acp_lab.cad.edges import EdgeSamples, facing, nearly_showing, unoccluded
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.generator.base import VisibleSamples
 
 SPHERE_SUBDIVISIONS = 4
@@ -40,6 +41,11 @@ class TemplateGenerator:
         self.views_obj = np.asarray(views_obj, np.float64)
         self.packed = packed
         self._box_centre = box_centre
+
+    @property
+    def regions(self) -> tuple[int, ...]:
+        """All view regions: the views lie all around the part."""
+        return tuple(range(REGION_COUNT))
 
     def visible(self, cam_T_obj: np.ndarray, region: int, count: int) -> VisibleSamples:
         """At most `count` samples that show at a pose (4, 4); `region` plays no part here."""

@@ -56,7 +56,7 @@ class RegionNetwork:
         outputs = np.flatnonzero(shows[self.rows])
         logits = np.empty(0, np.float32)
         while len(logits) < len(outputs):
-            # Most samples that show are free, so a first helping of a quarter more mostly serves.
+            # Most samples that show are free, so 25% more than needed usually suffices.
             wanted = count - int(np.count_nonzero(logits > 0.0))
             if wanted <= 0:
                 break
@@ -90,6 +90,7 @@ class VisibilityNetwork:
     Attributes:
         edges: the part's 3D edge samples.
         networks: by region 0..5.
+        fallback: answers for the other regions; without one, whatever faces the camera counts as visible there.
     """
 
     name = "learned"
@@ -104,8 +105,13 @@ class VisibilityNetwork:
         self.edges = edges
         self.networks = networks
         self._part = part
-        self._fallback = fallback
+        self.fallback = fallback
         self._points = [mid_section_points(part.box_min, part.box_max, region.axis) for region in ALL_REGIONS]
+
+    @property
+    def regions(self) -> tuple[int, ...]:
+        """The view regions 0..5 that were trained, ascending; `fallback` answers for the others."""
+        return tuple(sorted(self.networks))
 
     def visible(self, cam_T_obj: np.ndarray, region: int, count: int) -> VisibleSamples:
         """At most `count` samples that show at a pose (4, 4), with the network's belief as weight."""
@@ -113,8 +119,8 @@ class VisibilityNetwork:
         # Inside the bounding sphere of a long part there is no canonical frame, but still much to see.
         is_near = np.linalg.norm(eye_obj - self._part.box_centre) <= self._part.radius
         network = None if is_near else self.networks.get(region)
-        if network is None and self._fallback is not None:
-            return self._fallback.visible(cam_T_obj, region, count)
+        if network is None and self.fallback is not None:
+            return self.fallback.visible(cam_T_obj, region, count)
         seen = facing(self.edges, eye_obj)
         if network is None:
             rows = np.flatnonzero(seen.shows)[:count]

@@ -79,12 +79,13 @@ def edit_json(path: Path, change) -> None:  # type: ignore[no-untyped-def]
 def _made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Data set and parts, made once."""
     from acp_lab.preparation import prepare
+    from acp_lab.prepared_part import PrepareOptions
 
     root = tmp_path_factory.mktemp("boxes")
     write_dataset(root / "data")
     for object_id in OBJECT_IDS:
         part = Part.from_file(root / "data" / "models" / f"obj_{object_id:06d}.ply")
-        prepare(part, generator="templates", fast=True, out=root / "parts")
+        prepare(part, PrepareOptions(generator="templates", fast=True), out=root / "parts")
     return root
 
 

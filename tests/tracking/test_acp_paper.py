@@ -15,7 +15,7 @@ from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.painted.training import train_autoencoder
-from acp_lab.prepared_part import PreparedPart
+from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.tracking.method import ACP_PAPER, DIRECT_6DOF, UNOPTIMISED_POINTS, MethodConfig
 from acp_lab.tracking.method_tracker import MethodTracker
 from tests.made_parts import box, looking_at
@@ -50,10 +50,8 @@ def model(plate: Part, tmp_path_factory: pytest.TempPathFactory) -> PreparedPart
     folder: Path = tmp_path_factory.mktemp("parts") / plate.name
     replace(
         prepared(plate),
-        regressed_points={REGION: w},
-        regression_reports=({"region": REGION},),
-        autoencoders={REGION: trained.autoencoder},
-        autoencoder_reports=(trained.report,),
+        regressed_points=Trained({REGION: w}, {REGION: {"region": REGION}}),
+        autoencoders=Trained({REGION: trained.autoencoder}, {REGION: trained.report}),
     ).save(folder)
     return PreparedPart.load(folder)
 

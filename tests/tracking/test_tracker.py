@@ -19,7 +19,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.pose import check_rotation, make_pose, transform
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.prepared_part import PreparedPart
+from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import TrackResult, TrackState
 from acp_lab.tracking.session import track_sequence
@@ -257,7 +257,7 @@ def test_a_long_part_may_come_nearer_than_its_own_length() -> None:
     n = len(edges)
     zeros = [np.zeros(shape, np.float32) for shape in ((4, 8), (4,), (4, 4), (4,), (n, 4))]
     everything = RegionNetwork(*zeros, np.ones(n, np.float32), np.arange(n, dtype=np.int32))
-    model = replace(prepared(part), networks=dict.fromkeys(range(6), everything))
+    model = replace(prepared(part), networks=Trained(dict.fromkeys(range(6), everything)))
     camera = Camera(360, 120, 160.0, 160.0, 179.5, 59.5)
     start = looking_at(part, np.array([0.0, 0.3, 1.0]), 107.0)
     truth = poses(part, start, 6, np.array([0.01, 0.0, 0.005, 0.0, 0.0, -3.0]))

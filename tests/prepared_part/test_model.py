@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,14 @@ from acp_lab.generator.painted.image_generator import RegionAutoencoder
 from acp_lab.generator.painted.quality import GenerationQuality
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
-from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM, FORMAT_VERSION, PreparedPart, RegionReport
+from acp_lab.prepared_part import (
+    DEFAULT_EDGE_BREAK_MM,
+    FORMAT_VERSION,
+    PreparedPart,
+    PrepareOptions,
+    RegionReport,
+    Trained,
+)
 from tests.made_parts import box, bracket, looking_at
 
 
@@ -41,9 +49,12 @@ def made(part: Part) -> PreparedPart:
         edge_break_mm=0.4,
         seed=7,
         templates=build_templates(part, edges, make_caster(part), subdivisions=1),
-        networks={0: network(edges, 0), 4: network(edges, 1)},
-        reports=(RegionReport(0, 0.9, 0.8, 0.7, 0.1, 2.5), RegionReport(4, 0.95, 0.85, 0.75, 0.05, 3.5)),
-        training="views=10, epochs=2",
+        networks=Trained(
+            {0: network(edges, 0), 4: network(edges, 1)},
+            {0: RegionReport(0, 0.9, 0.8, 0.7, 0.1, 2.5), 4: RegionReport(4, 0.95, 0.85, 0.75, 0.05, 3.5)},
+            "views=10, epochs=2",
+        ),
+        options={"both": PrepareOptions(fast=True, regions=(4, 0), edge_break_mm=0.4, seed=7)},
     )
 
 
@@ -63,12 +74,14 @@ def painted(model: PreparedPart) -> PreparedPart:
     report = AutoencoderReport(1, quality, quality, quality, 0.1, 0.2, 0.3, 0.4, 5.0)
     return replace(
         model,
-        regressed_points={region: np.full((4, 3), float(region)) for region in (1, 3)},
-        regression_reports=({"region": 1, "train_s": 2.5}, {"region": 3, "train_s": 2.0}),
-        regression="steps=3",
-        autoencoders={region: autoencoder(region) for region in (1, 3)},
-        autoencoder_reports=(report, replace(report, region=3)),
-        autoencoder_training="views=4",
+        regressed_points=Trained(
+            {region: np.full((4, 3), float(region)) for region in (1, 3)},
+            {1: {"region": 1, "train_s": 2.5}, 3: {"region": 3, "train_s": 2.0}},
+            "steps=3",
+        ),
+        autoencoders=Trained(
+            {region: autoencoder(region) for region in (1, 3)}, {1: report, 3: replace(report, region=3)}, "views=4"
+        ),
     )
 
 
@@ -101,8 +114,9 @@ def test_everything_comes_back(model: PreparedPart, folder: Path) -> None:
         np.testing.assert_array_equal(getattr(back.edges, name), getattr(model.edges, name), err_msg=name)
         assert getattr(back.edges, name).dtype == getattr(model.edges, name).dtype
     assert back.edges.spacing_mm == model.edges.spacing_mm
-    assert (back.edge_break_mm, back.seed, back.training) == (0.4, 7, model.training)
-    assert back.reports == model.reports
+    assert (back.edge_break_mm, back.seed, back.networks.settings) == (0.4, 7, "views=10, epochs=2")
+    assert back.networks.reports == model.networks.reports
+    assert back.options == model.options
     assert back.generator_names == model.generator_names == ("learned", "templates")
 
 
@@ -153,10 +167,30 @@ def test_a_part_without_generators_comes_back_too(tmp_path: Path) -> None:
         back.best_generator()
 
 
+def test_a_part_of_an_earlier_version_without_options_loads(model: PreparedPart, folder: Path) -> None:
+    edit_header(lambda header: header.pop("options"))(folder)
+    back = PreparedPart.load(folder)
+    assert back.options == {}
+    assert back.generator_names == model.generator_names
+
+
+def test_the_regions_of_each_generator(model: PreparedPart) -> None:
+    everywhere = (0, 1, 2, 3, 4, 5)
+    assert model.regions_by_generator == {"learned": (0, 4), "templates": everywhere, "autoencoder": ()}
+    assert painted(model).regions_by_generator["autoencoder"] == (1, 3)
+    best = model.best_generator()
+    assert best.regions == (0, 4)
+    assert isinstance(best, VisibilityNetwork)
+    assert best.fallback is model.templates
+    assert replace(model, networks=Trained()).best_generator().regions == everywhere
+    without = replace(model, networks=Trained(), templates=None)
+    assert set(without.regions_by_generator.values()) == {()}
+
+
 def test_the_best_generator_is_the_learned_one(model: PreparedPart) -> None:
     best = model.best_generator()
     assert isinstance(best, VisibilityNetwork)
-    assert replace(model, networks={}).best_generator() is model.templates
+    assert replace(model, networks=Trained()).best_generator() is model.templates
 
 
 def test_the_folder_holds_json_and_safetensors_only(folder: Path) -> None:
@@ -201,9 +235,9 @@ def test_the_papers_generator_comes_back(model: PreparedPart, tmp_path: Path) ->
     made.save(tmp_path / "bracket")
     back = PreparedPart.load(tmp_path / "bracket")
     assert back.generator_names == ("learned", "templates", "autoencoder")
-    assert (back.regression, back.autoencoder_training) == ("steps=3", "views=4")
-    assert back.regression_reports == made.regression_reports
-    assert back.autoencoder_reports == made.autoencoder_reports
+    assert (back.regressed_points.settings, back.autoencoders.settings) == ("steps=3", "views=4")
+    assert back.regressed_points.reports == made.regressed_points.reports
+    assert back.autoencoders.reports == made.autoencoders.reports
     for region in (1, 3):
         np.testing.assert_array_equal(back.control_points(region, "regressed"), np.full((4, 3), float(region)))
         for name, value in made.autoencoders[region].arrays().items():
@@ -281,6 +315,9 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "a report names another region": edit_header(
         lambda header: header["generators"]["learned"]["regions"][0].update(region=3)
     ),
+    "options are a list": edit_header(lambda header: header.update(options=["fast"])),
+    "an option that is none": edit_header(lambda header: header["options"]["both"].update(colour="red")),
+    "an option out of range": edit_header(lambda header: header["options"]["both"].update(seed=-1)),
     "no mesh file": lambda folder: (folder / "mesh.safetensors").unlink(),
     "no edges file": lambda folder: (folder / "edges.safetensors").unlink(),
     "no templates file": lambda folder: (folder / "templates.safetensors").unlink(),
@@ -319,6 +356,21 @@ def test_a_folder_that_was_never_prepared_is_told_so(tmp_path: Path) -> None:
 # ---- whole or not at all -------------------------------------------------------------------------------------
 
 
+def test_only_what_changed_is_written(model: PreparedPart, folder: Path) -> None:
+    def times() -> dict[str, int]:
+        return {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+
+    for path in folder.iterdir():
+        os.utime(path, (1.0, 1.0))
+    before = times()
+    model.save(folder)
+    PreparedPart.load(folder).save(folder)
+    assert times() == before
+    (folder / "visibility_0.safetensors").unlink()
+    replace(model, networks=Trained(dict(model.networks), model.networks.reports, "other")).save(folder)
+    assert {name for name, when in times().items() if when != before[name]} == {"part.json", "visibility_0.safetensors"}
+
+
 def test_no_temporary_files_stay(folder: Path) -> None:
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
@@ -337,7 +389,9 @@ def test_an_interrupted_save_keeps_the_part_that_was_there(
     model: PreparedPart, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fail_at(monkeypatch, "part.json")
-    more = replace(model, networks={**model.networks, 2: network(model.edges, 2)})
+    more = replace(
+        model, networks=model.networks.with_region(2, network(model.edges, 2), RegionReport(2, 0.9, 0.8, 0.7, 0.1, 1.5))
+    )
     with pytest.raises(KeyboardInterrupt):
         more.save(folder)
     assert set(PreparedPart.load(folder).networks) == {0, 4}
@@ -356,8 +410,6 @@ def test_an_interrupted_save_of_another_mesh_never_mixes_the_two(
 
 def fail_at(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Ctrl-C while the file of that name is put in place."""
-    import os
-
     really = os.replace
 
     def replace_or_stop(source: Path, target: Path) -> None:

@@ -1,0 +1,127 @@
+"""part.json: what a prepared part is, what it was prepared with, which generators it has and how good they are."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from acp_lab.cad.models_info import Symmetries
+from acp_lab.errors import PreparationError
+
+if TYPE_CHECKING:
+    from acp_lab.prepared_part.model import PreparedPart
+
+FORMAT_VERSION = 1
+
+
+def header_of(model: PreparedPart) -> dict[str, Any]:
+    """The values of part.json."""
+    part = model.part
+    header: dict[str, Any] = {
+        "format": "acp_lab.part",
+        "version": FORMAT_VERSION,
+        "name": part.name,
+        "mesh": {"file": part.path.name if part.path else None, "sha256": part.sha256},
+        "diameter_mm": part.diameter,
+        "box_min_mm": part.box_min.tolist(),
+        "box_max_mm": part.box_max.tolist(),
+        "symmetries": {
+            "discrete": part.symmetries.discrete.tolist(),
+            "continuous": [[list(axis), list(offset)] for axis, offset in part.symmetries.continuous],
+        },
+        "edge_break_mm": model.edge_break_mm,
+        "edge_samples": len(model.edges),
+        "seed": model.seed,
+        "options": {generator: asdict(options) for generator, options in model.options.items()},
+        "generators": _generators(model),
+    }
+    if model.regressed_points:
+        header["control_points"] = {
+            "regression": model.regressed_points.settings,
+            "regions": [dict(report) for report in model.regressed_points.reports.values()],
+        }
+    return header
+
+
+def _generators(model: PreparedPart) -> dict[str, Any]:
+    generators: dict[str, Any] = {}
+    if model.templates is not None:
+        generators["templates"] = {"views": len(model.templates.views_obj)}
+    if model.networks:
+        reports = list(model.networks.reports.values())
+        generators["learned"] = {
+            "training": model.networks.settings,
+            "held_out_precision": _mean(report.precision for report in reports),
+            "held_out_recall": _mean(report.recall for report in reports),
+            "held_out_hidden_found": _mean(report.hidden_found for report in reports),
+            "regions": [asdict(report) for report in reports],
+        }
+    if model.autoencoders:
+        painted = list(model.autoencoders.reports.values())
+        generators["autoencoder"] = {
+            "training": model.autoencoders.settings,
+            "held_out_chamfer_px": {
+                "generated_to_true": _mean(report.generated.generated_to_true_px for report in painted),
+                "true_to_generated": _mean(report.generated.true_to_generated_px for report in painted),
+            },
+            "held_out_f_score": _mean(report.generated.f_score for report in painted),
+            "regions": [asdict(report) for report in painted],
+        }
+    return generators
+
+
+def read_header(folder: Path, fix: str) -> dict[str, Any]:
+    """part.json of a folder; PreparationError, ending in `fix`, when there is none or it is not one of ours."""
+    path = folder / "part.json"
+    try:
+        header = json.loads(path.read_text(encoding="utf-8"))
+        known = header["format"] == "acp_lab.part"
+        version = header["version"]
+        header["mesh"]["sha256"]
+    except FileNotFoundError:
+        raise PreparationError(f"{folder}: this part is not prepared; {fix}") from None
+    except (OSError, ValueError, KeyError, TypeError):
+        raise PreparationError(f"{path}: cannot be read as a prepared part; {fix} --no-resume") from None
+    if not known or version != FORMAT_VERSION:
+        raise PreparationError(
+            f"{path}: has format version {version}, this program reads version {FORMAT_VERSION}; {fix} --no-resume"
+        )
+    return dict(header)
+
+
+def symmetries_of(header: Mapping[str, Any]) -> Symmetries:
+    """The part's symmetries."""
+    stored = header["symmetries"]
+    return Symmetries(
+        np.array(stored["discrete"]).reshape(-1, 4, 4),
+        tuple((tuple(axis), tuple(offset)) for axis, offset in stored["continuous"]),
+    )
+
+
+def withdraw_header(folder: Path, sha256: str) -> None:
+    """Remove the part.json of another mesh: until it is written anew, the files beside it belong to both."""
+    path = folder / "part.json"
+    try:
+        known = json.loads(path.read_text(encoding="utf-8"))["mesh"]["sha256"]
+    except (OSError, ValueError, KeyError, TypeError):
+        known = None
+    if known != sha256:
+        path.unlink(missing_ok=True)
+
+
+def sha256_of(mesh: Path, fix: str) -> str:
+    """The hash of a mesh file; PreparationError, ending in `fix`, when it cannot be read."""
+    try:
+        return hashlib.sha256(mesh.read_bytes()).hexdigest()
+    except OSError as error:
+        raise PreparationError(f"{mesh}: the mesh cannot be read ({error.strerror}); {fix}") from None
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))

@@ -1,0 +1,179 @@
+"""A part with everything that tracking needs, and its folder on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import save as serialise
+
+from acp_lab.cad.edges import EdgeSamples
+from acp_lab.cad.part import Part
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.view_regions import ALL_REGIONS
+from acp_lab.errors import PreparationError
+from acp_lab.files import write_changed
+from acp_lab.generator.base import RigidGenerator
+from acp_lab.generator.painted.config import AutoencoderReport
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator, PointSet, RegionAutoencoder
+from acp_lab.generator.templates import TemplateGenerator
+from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.prepared_part import arrays
+from acp_lab.prepared_part.header import header_of, read_header, sha256_of, withdraw_header
+from acp_lab.prepared_part.options import PrepareOptions
+from acp_lab.prepared_part.trained import RegionReport, RegressionValues, Trained
+
+# Chosen by measuring on sequences with and without broken edges, see docs/benchmark.md.
+DEFAULT_EDGE_BREAK_MM = 0.25
+
+
+@dataclass(frozen=True)
+class PreparedPart:
+    """A part with everything that tracking needs.
+
+    Attributes:
+        part: the CAD model.
+        edges: its 3D edge samples.
+        edge_break_mm: how far the real part's outlines are expected to be broken.
+        seed: of all random choices.
+        templates: view templates, if prepared.
+        networks: the visibility networks that were trained.
+        regressed_points: the regressed W (4, 3) mm of each region.
+        autoencoders: the paper's edge image generators that were trained.
+        options: what it was prepared with, the latest for each generator that was asked for.
+    """
+
+    part: Part
+    edges: EdgeSamples
+    edge_break_mm: float = DEFAULT_EDGE_BREAK_MM
+    seed: int = 0
+    templates: TemplateGenerator | None = None
+    networks: Trained[RegionNetwork, RegionReport] = field(default_factory=Trained)
+    regressed_points: Trained[FloatArray, RegressionValues] = field(default_factory=Trained)
+    autoencoders: Trained[RegionAutoencoder, AutoencoderReport] = field(default_factory=Trained)
+    options: Mapping[str, PrepareOptions] = field(default_factory=dict)
+
+    @property
+    def generator_names(self) -> tuple[str, ...]:
+        """Generators that are prepared, the best first."""
+        return tuple(name for name, regions in self.regions_by_generator.items() if regions)
+
+    @property
+    def regions_by_generator(self) -> dict[str, tuple[int, ...]]:
+        """The view regions 0..5 that each generator was prepared for, the best generator first; () for none.
+
+        Templates know all regions. In a region that it was not trained for, the visibility network ("learned") falls
+        back to the templates, if there are any; the auto-encoder raises PreparationError.
+        """
+        return {
+            "learned": self.networks.regions,
+            "templates": () if self.templates is None else self.templates.regions,
+            "autoencoder": self.autoencoders.regions,
+        }
+
+    def best_generator(self) -> RigidGenerator:
+        """The learned generator, else the templates.
+
+        Raises:
+            PreparationError: neither is prepared.
+        """
+        if self.networks:
+            return VisibilityNetwork(self.part, self.edges, self.networks, self.templates)
+        if self.templates is None:
+            raise PreparationError(f"{self.part.name}: no generator is prepared; {self._command()}")
+        return self.templates
+
+    def autoencoder(self) -> AutoencoderGenerator:
+        """The paper's t(I).
+
+        Raises:
+            PreparationError: it is not prepared.
+        """
+        if not self.autoencoders:
+            raise PreparationError(
+                f"{self.part.name}: no auto-encoder is prepared; {self._command()} --generator autoencoder"
+            )
+        return AutoencoderGenerator(self.autoencoders, self.part.name)
+
+    def control_points(self, region: int, point_set: PointSet) -> np.ndarray:
+        """(4, 3) mm: W of a view region 0..5, as regressed or the box's middle section as it is.
+
+        Raises:
+            PreparationError: the region's points are not regressed.
+        """
+        if point_set == "mid-section":
+            return mid_section_points(self.part.box_min, self.part.box_max, ALL_REGIONS[region].axis)
+        if region not in self.regressed_points:
+            raise PreparationError(
+                f"{self.part.name}: the control points of view region {region} are not regressed; "
+                f"{self._command()} --generator autoencoder"
+            )
+        return self.regressed_points[region]
+
+    def _command(self) -> str:
+        return f"run: acp-lab prepare {self.part.path or 'MESH'} --out PARTS_DIR"
+
+    def save(self, folder: Path) -> None:
+        """Write the part: only files whose content differs from what is there, each atomically, part.json last.
+
+        Raises:
+            InputFileError: a file cannot be written.
+        """
+        withdraw_header(folder, self.part.sha256)
+        for name, values in arrays.arrays_by_file(self).items():
+            # Not save_file: it makes files that only their owner may read, and parts are shared.
+            content = serialise({key: np.ascontiguousarray(value) for key, value in values.items()})
+            write_changed(folder / f"{name}.safetensors", content)
+        write_changed(folder / "part.json", (json.dumps(header_of(self), indent=2) + "\n").encode())
+
+    @classmethod
+    def load(cls, folder: str | Path, mesh: str | Path | None = None) -> PreparedPart:
+        """Read a prepared part.
+
+        Args:
+            mesh: the mesh file that it must have been prepared from, checked by SHA-256.
+
+        Raises:
+            PreparationError: missing, incomplete, of another version, or prepared from another mesh.
+        """
+        folder, mesh = Path(folder), None if mesh is None else Path(mesh)
+        again = f"run: acp-lab prepare {mesh or 'MESH'} --out {folder.parent}"
+        header = read_header(folder, again)
+        if mesh is not None and header["mesh"]["sha256"] != sha256_of(mesh, again):
+            raise PreparationError(
+                f"{folder / 'part.json'}: prepared from another mesh than {mesh}; {again} --no-resume"
+            )
+        try:
+            part, edges = arrays.load_part(folder, header, mesh), arrays.load_edges(folder)
+            return cls(
+                part,
+                edges,
+                edge_break_mm=float(header["edge_break_mm"]),
+                seed=int(header["seed"]),
+                templates=arrays.load_templates(folder, header, part, edges),
+                networks=arrays.load_networks(folder, header, edges),
+                regressed_points=arrays.load_regressed_points(folder, header),
+                autoencoders=arrays.load_autoencoders(folder, header),
+                # Parts prepared by earlier versions lack this key.
+                options={
+                    generator: PrepareOptions.from_json(values)
+                    for generator, values in header.get("options", {}).items()
+                },
+            )
+        except (
+            OSError,
+            SafetensorError,
+            PreparationError,
+            KeyError,
+            TypeError,
+            ValueError,
+            IndexError,
+            AttributeError,
+        ) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise PreparationError(f"{folder}: the prepared part is damaged ({reason}); {again} --no-resume") from None
