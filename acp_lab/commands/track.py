@@ -1,7 +1,6 @@
 """`acp-lab track`: from options to scenes, prepared parts and start poses, then through the frame loop.
 
-Everything that can be wrong with the input is found before the first file is written, so that a mistake costs
-no older results.
+All errors in the input are found before the first file is written, so that a mistake costs no older results.
 """
 
 from __future__ import annotations
@@ -28,7 +27,13 @@ HEADER_START = b"scene_id,im_id,"
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """What the command line asked for; empty scenes and objects mean all; init and method None the usual ones."""
+    """What to track, from where and how: the one argument of `acp-lab track`.
+
+    Empty `scenes` and `objects` mean all; `init` None means truth, `method` None the default one.
+
+    Raises:
+        AcpLabError: options that contradict each other, or files that cannot be written.
+    """
 
     parts: Path
     out: Path
@@ -153,7 +158,7 @@ class PartShelf:
 
 
 def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
-    """Everything that the options name, opened and checked; errors as the issue of each file."""
+    """Everything that the options name, opened and checked; errors name the file at fault."""
     shelf = PartShelf(options.parts)
     if options.video is not None:
         return (_video_job(options, options.video, shelf),)

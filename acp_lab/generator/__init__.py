@@ -1,4 +1,7 @@
-"""Generators t(I): from image control points to the edges a view shows. What trains them is apart, it needs torch."""
+"""Generators t(I): from image control points to the edges a view shows.
+
+Their training is in modules of its own, which need torch.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""View templates: what hides what, stored for some 2600 views all around the part.
+"""View templates: which edge samples are occluded, stored for some 2600 views all around the part.
 
-Which faces turn to the camera is computed exactly for each pose; only whether the part hides a sample is
+Which faces are front-facing is computed exactly for each pose; only whether the part occludes a sample is
 looked up, at the nearest stored view. That answer changes slowly with the view, so a sparse sphere
-serves. Built in seconds by casting rays; there is nothing to train.
+suffices. Built in seconds by casting rays; there is nothing to train.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.generator.base import VisibleSamples
 
 SPHERE_SUBDIVISIONS = 4
-# Hiding depends little on distance; stored at one that suits the usual bench camera.
+# Occlusion depends little on distance; stored at one that suits the usual bench camera.
 DISTANCE_IN_DIAMETERS = 5.0
 RAY_OFFSET_IN_DIAMETERS = 0.002
 
@@ -48,7 +48,7 @@ class TemplateGenerator:
         return tuple(range(REGION_COUNT))
 
     def visible(self, cam_T_obj: np.ndarray, region: int, count: int) -> VisibleSamples:
-        """At most `count` samples that show at a pose (4, 4); `region` plays no part here."""
+        """At most `count` samples that show at a pose (4, 4); `region` is ignored."""
         eye_obj = eye_position(cam_T_obj)
         nearest = int(np.argmax(self.views_obj @ (eye_obj - self._box_centre)))
         free = np.unpackbits(self.packed[nearest], count=len(self.edges)).view(bool)

@@ -1,12 +1,12 @@
 """The visibility network: a light model, driven by control points, that generates edges (paper IV-A).
 
-Four canonical control points (8 numbers) -> 128 -> 128 -> one logit per 3D edge sample: is it free
-of hiding? Which faces turn to the camera is computed exactly, so the network answers only what takes a
-ray to find out. It is the paper's two-stage generator with the CAD's own 3D edges in place of
+Four canonical control points (8 numbers) -> 128 -> 128 -> one logit per 3D edge sample: is it
+unoccluded? Which faces are front-facing is computed exactly, so the network answers only what would take
+a ray to find out. It is the paper's two-stage generator with the CAD's own 3D edges in place of
 the decoder: exact in position, a hundred times smaller. (Deviation from paper IV-A, which decodes an image.)
 
 One small network per view region, each with the control points and the up-vector of its region. Evaluated
-in NumPy, a torch import would cost seconds at the start of tracking.
+in NumPy: importing torch would cost seconds at the start of tracking.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class RegionNetwork:
         return np.maximum(self.weight2 @ first + self.bias2, 0.0)
 
     def free(self, inputs: np.ndarray, shows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The first `count` of the samples that `shows` (n,) bool which the network calls free.
+        """The first `count` of the samples that `shows` (n,) bool that the network calls unoccluded.
 
         Returns:
             Their ids (k,) and logits (k,); samples beyond them are never computed.
@@ -85,7 +85,9 @@ def network_inputs(part: Part, eye_obj: np.ndarray, region: int, points_obj: np.
 
 
 class VisibilityNetwork:
-    """t(I) by one small network per view region; regions without one, and eyes too near, fall back to `fallback`.
+    """t(I) by one small network per view region.
+
+    Regions without a network, and eyes inside the bounding sphere, use `fallback`.
 
     Attributes:
         edges: the part's 3D edge samples.

@@ -60,7 +60,7 @@ class TrainingReport:
         precision: share of samples called free that are.
         recall: share of free samples that are called so.
         hidden_found: share of hidden samples that are called hidden; most samples are free, so the two above
-            are high even for a network that learnt nothing.
+            are high even for a network that learned nothing.
         final_loss: mean BCE over the last epoch.
     """
 
@@ -96,7 +96,7 @@ def train_region(
     with one_thread():
         views = _make_views(part, edges, caster, region, config.views + config.held_out, config, seed)
         rows = np.flatnonzero(views.asked.any(0))
-        # Within a region some coordinates hardly vary; unscaled, the network would not hear them.
+        # Within a region some coordinates hardly vary; unscaled, the network would ignore them.
         mean, spread = views.inputs.mean(0), views.inputs.std(0) + 1e-3
         inputs = torch.from_numpy((views.inputs - mean) / spread)
         torch_seed = seed * 100 + region.index

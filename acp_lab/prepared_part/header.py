@@ -77,7 +77,7 @@ def _generators(model: PreparedPart) -> dict[str, Any]:
 
 
 def read_header(folder: Path, fix: str) -> dict[str, Any]:
-    """part.json of a folder; PreparationError, ending in `fix`, when there is none or it is not one of ours."""
+    """part.json of a folder; PreparationError, ending in `fix`, when there is none or it is no prepared part."""
     path = folder / "part.json"
     try:
         header = json.loads(path.read_text(encoding="utf-8"))

@@ -336,7 +336,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE.keys())
-def test_a_damaged_folder_is_told_in_one_line_with_the_mend(folder: Path, damage: Callable[[Path], object]) -> None:
+def test_a_damaged_folder_is_told_in_one_line_with_the_fix(folder: Path, damage: Callable[[Path], object]) -> None:
     damage(folder)
     with pytest.raises(PreparationError) as caught:
         PreparedPart.load(folder)

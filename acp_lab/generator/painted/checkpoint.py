@@ -1,7 +1,7 @@
-"""Half-trained networks on disk: one safetensors file, so that an interrupted training goes on where it stopped.
+"""Half-trained networks on disk: one safetensors file, so that an interrupted training resumes where it stopped.
 
 The file names in its metadata what it belongs to; one that belongs to another part, other settings or another seed
-is as good as none. Written whole or not at all.
+is ignored. Written whole or not at all.
 """
 
 from __future__ import annotations

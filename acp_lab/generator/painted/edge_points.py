@@ -2,7 +2,7 @@
 
 A line in a soft edge image is a ridge: across it the brightness has a maximum. At each pixel the second
 derivatives give the direction across; a parabola with the first and second derivative along it gives the
-ridge's place to a small part of a pixel, and the pixel counts when that place lies within it
+ridge's position to a small fraction of a pixel, and the pixel counts when that position lies within it
 (C. Steger, "An unbiased detector of curvilinear structures", 1998).
 
 All this happens on the logarithm of the brightness. Across a line the brightness is a Gaussian, whose logarithm is
@@ -24,7 +24,7 @@ SMOOTHING_PX = 0.5
 RIDGE_THRESHOLD = 0.3
 # A ridge belongs to the pixel that it runs through; a little more, or lines on the border of two would be lost.
 LARGEST_OFFSET_PX = 0.6
-# Flatter than this across (1/px^2; a line of sigma 1 px has 1) there is no ridge whose place means anything.
+# Flatter than this across (1/px^2; a line of sigma 1 px has 1) a ridge has no meaningful position.
 LEAST_CURVATURE = 0.02
 # Added to the brightness before the logarithm, so that black has one.
 DARKEST = 0.02

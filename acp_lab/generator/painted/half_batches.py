@@ -1,8 +1,8 @@
 """The gradient of a batch as the mean of its two halves, each computed in a thread of its own.
 
 torch can use several threads inside one operation. These networks are small, which makes that wasteful, and the sums
-come out differently for each number of threads. A half batch per thread, with one thread inside, is faster on two
-cores and gives the same weights on any number of them.
+differ in their last digits with the number of threads. A half batch per thread, with one thread inside, is faster on
+two cores and gives the same weights on any number of them.
 """
 
 from __future__ import annotations

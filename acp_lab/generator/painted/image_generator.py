@@ -1,4 +1,4 @@
-"""The paper's t(I) at work: control points in, edge image out (paper IV-A, eq. 5), and its derivative.
+"""The paper's t(I) at run time: control points in, edge image out (paper IV-A, eq. 5), and its derivative.
 
 Convention: control points are (4, 2) canonical px, in the order of W's rows; images (size, size) float32 in [0, 1].
 Everything runs in one thread: the images are small, and threads would wait for each other longer than they work.
@@ -56,7 +56,7 @@ class RegionAutoencoder:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> RegionAutoencoder:
-        """The inverse of `arrays`; raises KeyError or ValueError for arrays that are none of ours."""
+        """The inverse of `arrays`; raises KeyError or ValueError for any other arrays."""
         rest = dict(arrays)
         sizes, points_obj = rest.pop("sizes"), rest.pop("points_obj")
         if sizes.shape != (7,) or sizes[-1] != cls.FORMAT or points_obj.shape != (2, 4, 3):
@@ -127,7 +127,7 @@ class AutoencoderGenerator:
     def latent_codes(
         self, canonical_points: np.ndarray, region: int, point_set: PointSet = "regressed"
     ) -> Float32Array:
-        """(b, latent), what the regressor of stage two says about control points (b, 4, 2)."""
+        """(b, latent), the output of the stage-two regressor for control points (b, 4, 2)."""
         networks = self._loaded(region)
         import torch
 
@@ -137,7 +137,7 @@ class AutoencoderGenerator:
         return codes
 
     def painted(self, latent_codes: np.ndarray, region: int) -> Float32Array:
-        """(b, size, size), what the decoder paints for codes (b, latent), also such as no regressor ever says."""
+        """(b, size, size), what the decoder paints for codes (b, latent), also for codes that no regressor produces."""
         networks = self._loaded(region)
         import torch
 

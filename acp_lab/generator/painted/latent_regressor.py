@@ -1,7 +1,7 @@
 """From control points to the latent code (paper IV-A, stage two): a small MLP of eight numbers.
 
-The eight coordinates are made comparable first. Scaling each by itself would not do: what tells a part turned left
-from one turned right is a small trapezoid in a quad that is otherwise the same, a difference of differences. So
+The eight coordinates are made comparable first. Scaling each by itself would not do: what distinguishes a part turned
+left from one turned right is a small trapezoid in a quad that is otherwise the same, a difference of differences. So
 they are turned to their principal axes and each of these is scaled to spread 1 (whitening), a fixed linear map.
 """
 
@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from acp_lab.generator.painted.config import NetworkShape
 
-# Canonical px: an axis along which training varied less than this is not blown up further.
+# Canonical px: an axis along which training varied less than this is not amplified further.
 LEAST_SPREAD_PX = 0.05
 
 
@@ -36,7 +36,7 @@ class LatentRegressor(nn.Module):
         )
 
     def standardise(self, control_points: np.ndarray) -> None:
-        """Take the whitening from control points (n, 8) px such as training will show."""
+        """Set the whitening from typical training control points (n, 8) px."""
         centre = control_points.mean(0)
         variances, directions = np.linalg.eigh(np.cov(control_points.T))
         spread = np.sqrt(np.maximum(variances, LEAST_SPREAD_PX**2))

@@ -1,7 +1,7 @@
 """An optimiser that trains these networks in half the time: momentum, made orthogonal.
 
 Adam scales every weight's step by itself. Here the step of a whole layer, seen as a matrix, is replaced by the
-nearest matrix with orthogonal rows, so that directions in which the gradient is weak are learnt as fast as those in
+nearest matrix with orthogonal rows, so that directions in which the gradient is weak are learned as fast as those in
 which it is strong. On the auto-encoder five epochs of it lower the loss as far as ten of Adam do.
 Vectors (biases) take Adam's step.
 
@@ -28,7 +28,7 @@ def orthogonalised(matrix: Tensor, iterations: int = 5) -> Tensor:
     """A matrix (m, n) with the singular vectors of the given one and singular values near 1 (0.7 to 1.2).
 
     By a polynomial of the matrix X, repeated: each singular value s becomes a s + b s^3 + c s^5. All of it happens
-    on the small matrix X X^T, for it tells how each round acts on X: times M = a + b X X^T + c (X X^T)^2.
+    on the small matrix X X^T, which determines how each round acts on X: times M = a + b X X^T + c (X X^T)^2.
     """
     a, b, c = _NEWTON_SCHULZ
     wide = matrix.T if matrix.shape[0] > matrix.shape[1] else matrix
@@ -46,7 +46,7 @@ def orthogonalised(matrix: Tensor, iterations: int = 5) -> Tensor:
 
 
 class OrthogonalSteps:
-    """Steps for a fixed list of parameters; its state is plain tensors, so that it can be stored and taken up."""
+    """Steps for a fixed list of parameters; its state is plain tensors, so that it can be stored and restored."""
 
     def __init__(self, parameters: Iterable[torch.nn.Parameter]) -> None:
         self.parameters = list(parameters)
@@ -65,10 +65,10 @@ class OrthogonalSteps:
         self.count += 1
 
         def of_parameter(index: int) -> None:
-            with torch.no_grad():  # which every thread has to say for itself
+            with torch.no_grad():  # which every thread has to set for itself
                 self._parameter_step(index, gradients[index], rate)
 
-        # A worker's error comes out only where its result is taken.
+        # An error in a worker is raised only where its result is read.
         list((map if workers is None else workers.map)(of_parameter, self._costly_first))
 
     def _parameter_step(self, index: int, g: Tensor, rate: float) -> None:

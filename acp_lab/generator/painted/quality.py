@@ -1,4 +1,4 @@
-"""How well generated edge images agree with true edges: Chamfer distances, F-score, and a picture to look at.
+"""How well generated edge images agree with true edges: Chamfer distances, F-score, and a picture for comparison.
 
 Convention: canonical px. "There" is from generated to true edges (what was invented), "back" from true to generated
 (what was missed). Both sides are lines and not dots: a ridge has one point per pixel, so the nearest of these alone

@@ -1,4 +1,4 @@
-"""What whoever watches a training gets to see: after each epoch its loss, and what the networks paint by then.
+"""What an observer of a training sees: after each epoch its loss, and what the networks paint by then.
 
 Painted are the first held-out views, the same in every epoch: in stage 1 from their own edge images, the
 reconstructions, from stage 2 on from their control points, which is t(I).
@@ -16,7 +16,7 @@ STAGE_NAMES = ("auto-encoder", "latent regressor", "fine-tuning", "second regres
 
 @dataclass(frozen=True, eq=False)
 class WatchedEpoch:
-    """A training after one of its epochs.
+    """The state of a training after one of its epochs.
 
     Attributes:
         stage: one of STAGE_NAMES.
