@@ -21,7 +21,7 @@ from acp_lab.diagnosis import causes
 from acp_lab.diagnosis.causes import Cause, DiagnosisConfig, Finding
 from acp_lab.diagnosis.frame_evidence import EdgeEvidence, PartObserver, image_motion
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.metrics import add_mm
+from acp_lab.evaluation import PartMetric, closest_truth, metric_name
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import transform
@@ -43,7 +43,8 @@ class Diagnosis:
         state, quality: of the result; usual_quality: upper quartile over the good frames until then.
         onset: the first frame of the bad stretch that `frame` belongs to; `frame` itself when it is good.
         findings: the worst first.
-        add_percent: ADD of the tracked pose in percent of the diameter, NaN where truth is unknown.
+        metric: "ADD", or "ADD-S" for a part with symmetries.
+        add_percent: that of the tracked pose in percent of the diameter, NaN where truth is unknown.
         result: of the tracker in `frame`.
         measured_frame: whose image was measured: `frame`, or `onset` where the tracked pose is lost and truth unknown.
         image: (h, w, 3) of that frame, None where it cannot be had.
@@ -61,6 +62,7 @@ class Diagnosis:
     usual_quality: float
     onset: int
     findings: tuple[Finding, ...]
+    metric: str
     add_percent: float
     result: TrackResult
     measured_frame: int
@@ -86,7 +88,7 @@ class Diagnosis:
         text = f"Frame {self.frame} (image {self.frame_id}), object {self.object_id}: {self.state}, "
         text += f"quality {self.quality:.2f}, {self.usual_quality:.2f} in the good frames before it"
         if math.isfinite(self.add_percent):
-            text += f", ADD {self.add_percent:.1f}% of the diameter"
+            text += f", {self.metric} {self.add_percent:.1f}% of the diameter"
         text += "."
         if self.onset < self.frame:
             text += f" The trouble began in frame {self.onset}."
@@ -230,6 +232,7 @@ class _Case:
             self.usual,
             self.onset,
             tuple(named),
+            metric_name(self.part),
             self.add_percent(),
             self.result,
             number,
@@ -255,10 +258,7 @@ class _Case:
 
     def add_percent(self) -> float:
         """How far the tracked pose is off."""
-        truth = self.truth(self.frame)
-        if truth is None:
-            return math.nan
-        return 100.0 * add_mm(self.part.vertices, self.result.cam_T_obj, truth) / self.part.diameter
+        return PartMetric(self.part).percent(self.result.cam_T_obj, self.truth(self.frame))
 
     def pose(self, number: int) -> FloatArray:
         """The true pose in a frame, else the tracked one."""
@@ -326,9 +326,12 @@ class _Case:
         if not (isinstance(before, Frame) and isinstance(after, Frame)):
             return None
         centre, last, truth = self.part.box_centre[None], self.pose(number - 1), self.truth(number)
-        expected = after.camera.project(transform(self.expected(number), centre))[0]
+        predicted = self.expected(number)
+        expected = after.camera.project(transform(predicted, centre))[0]
         if truth is not None:
-            return float(np.linalg.norm(after.camera.project(transform(truth, centre))[0] - expected))
+            # A symmetry may move the box centre.
+            same = closest_truth(predicted, truth, self.part.symmetries)
+            return float(np.linalg.norm(after.camera.project(transform(same, centre))[0] - expected))
         start = before.camera.project(transform(last, centre))[0]
         points = self.observer.measure(before.image, before.camera, last).points
         if len(points) < 4 or not np.isfinite(expected - start).all():

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.metrics import FrameErrors, Scores, add_mm, adds_mm, pooled_scores, pose_error, scores
+from acp_lab.evaluation.metrics import FrameErrors, Scores, pooled_scores, pose_error, scores
+from acp_lab.evaluation.part_metric import PartMetric, metric_name
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.bop import BopDataset, BopScene, image_files
 from acp_lab.sequences.json_file import write_json
@@ -128,8 +128,9 @@ def evaluate(results: Results, truth: BopScene | BopDataset | str | Path, split:
         if object_id not in parts:
             parts[object_id] = dataset.part(object_id)
         errors = frame_errors(parts[object_id], poses, rows)
-        metric = "ADD-S" if parts[object_id].symmetries else "ADD"
-        scored.append(ObjectScores(scene_id, object_id, metric, scores(errors), errors))
+        scored.append(
+            ObjectScores(scene_id, object_id, metric_name(parts[object_id]), scores(errors), errors)
+        )
     return Evaluation(tuple(scored), pooled_scores(item.errors for item in scored))
 
 
@@ -139,20 +140,16 @@ def frame_errors(part: Part, truth: dict[int, FloatArray], rows: dict[int, Resul
     truth: true cam_T_obj (4, 4) by image id, of the frames to evaluate. rows: the results by image id; a
     frame that has none gets infinite errors.
     """
-    tree = cKDTree(part.vertices) if part.symmetries else None
+    metric = PartMetric(part)
     errors = np.full((4, len(truth)), np.inf)
     errors[3] = np.nan
     for i, (frame_id, cam_T_true) in enumerate(truth.items()):
         row = rows.get(frame_id)
         if row is None:
             continue
-        if tree is None:
-            distance_mm = add_mm(part.vertices, row.cam_T_obj, cam_T_true)
-        else:
-            distance_mm = adds_mm(part.vertices, row.cam_T_obj, cam_T_true, tree)
         apart = pose_error(row.cam_T_obj, cam_T_true, part.symmetries)
         time_s = row.time_s if row.time_s >= 0.0 else math.nan
-        errors[:, i] = distance_mm / part.diameter, apart.rotation_deg, apart.translation_mm, time_s
+        errors[:, i] = metric.share(row.cam_T_obj, cam_T_true), apart.rotation_deg, apart.translation_mm, time_s
     return FrameErrors(tuple(truth), *errors)
 
 

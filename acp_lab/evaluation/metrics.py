@@ -65,15 +65,19 @@ def pose_error(cam_T_est: FloatArray, cam_T_true: FloatArray, symmetries: Symmet
     runs over the discrete symmetries, each followed by no turn or by the best turn about one continuous axis;
     that turn is exact, no step size limits it.
     """
-    candidates = [cam_T_true] if not symmetries else _equivalent_truths(cam_T_est, cam_T_true, symmetries)
-    errors = [
-        PoseError(
-            rotation_angle_deg(candidate[:3, :3], cam_T_est[:3, :3]),
-            float(np.linalg.norm(candidate[:3, 3] - cam_T_est[:3, 3])),
-        )
-        for candidate in candidates
-    ]
-    return min(errors, key=lambda error: (error.rotation_deg, error.translation_mm))
+    return _plain_error(cam_T_est, closest_truth(cam_T_est, cam_T_true, symmetries))
+
+
+def closest_truth(cam_T_est: FloatArray, cam_T_true: FloatArray, symmetries: Symmetries | None = None) -> FloatArray:
+    """The true pose (4, 4) that an estimate is held against: the one that `pose_error` chooses."""
+    if not symmetries:
+        return cam_T_true
+
+    def apart(candidate: FloatArray) -> tuple[float, float]:
+        error = _plain_error(cam_T_est, candidate)
+        return error.rotation_deg, error.translation_mm
+
+    return min(_equivalent_truths(cam_T_est, cam_T_true, symmetries), key=apart)
 
 
 def rotation_error_deg(cam_T_est: FloatArray, cam_T_true: FloatArray, symmetries: Symmetries | None = None) -> float:
@@ -173,6 +177,14 @@ def pooled_scores(objects: Iterable[FrameErrors]) -> Scores:
         trans_mm_median=_median(translation_mm),
         frames_until_lost=sum(frames_until_lost(errors.distance, LOST_SHARE) for errors in objects),
         time_s_median=_median(time_s[np.isfinite(time_s)]),
+    )
+
+
+def _plain_error(cam_T_est: FloatArray, cam_T_true: FloatArray) -> PoseError:
+    """The error against one true pose, symmetries left aside."""
+    return PoseError(
+        rotation_angle_deg(cam_T_true[:3, :3], cam_T_est[:3, :3]),
+        float(np.linalg.norm(cam_T_true[:3, 3] - cam_T_est[:3, 3])),
     )
 
 

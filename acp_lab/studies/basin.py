@@ -17,7 +17,7 @@ import numpy as np
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError, TrackingError
-from acp_lab.evaluation.metrics import add_mm, adds_mm
+from acp_lab.evaluation import PartMetric
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.session import PartTracker
@@ -56,7 +56,7 @@ class BasinConfig:
     Attributes:
         angles_deg, shifts_mm: the grid of disturbances, each with each.
         trials: random directions per cell and frame.
-        limit: share of the diameter below which ADD counts as found.
+        limit: share of the diameter below which ADD(-S) counts as found.
     """
 
     angles_deg: tuple[float, ...] = (0.0, 1.0, 2.0, 4.0, 8.0, 12.0, 16.0)
@@ -72,7 +72,7 @@ class Basin:
     Attributes:
         name: of the method.
         angles_deg: (a,); shifts_mm: (s,).
-        errors: (a, s, n) ADD as share of the diameter at the end of each of n trials, inf for none.
+        errors: (a, s, n) ADD(-S) as share of the diameter at the end of each of n trials, inf for none.
         limit: share of the diameter that counts as found.
     """
 
@@ -123,7 +123,7 @@ def basin_of_convergence(
     """
     if not frames or len(frames) != len(truths):
         raise SequenceError(f"basin of {len(frames)} frames and {len(truths)} poses: give one true pose for each frame")
-    error_share = _error_share(part)
+    metric = PartMetric(part, _MOST_VERTICES)
     shape = (len(config.angles_deg), len(config.shifts_mm), len(frames) * config.trials)
     errors = np.full(shape, math.inf)
     for count, (i, j, k) in enumerate(np.ndindex(shape)):
@@ -133,20 +133,7 @@ def basin_of_convergence(
         angle_deg, shift_mm = config.angles_deg[i], config.shifts_mm[j]
         start = disturb_pose(truths[which], part.box_centre, angle_deg, shift_mm, rng)
         with contextlib.suppress(TrackingError):  # then it stays infinite: a failure
-            errors[i, j, k] = error_share(align(frames[which], start), truths[which])
+            errors[i, j, k] = metric.share(align(frames[which], start), truths[which])
         if progress is not None:
             progress(count + 1, errors.size)
     return Basin(name, np.array(config.angles_deg), np.array(config.shifts_mm), errors, config.limit)
-
-
-def _error_share(part: Part) -> Callable[[np.ndarray, np.ndarray], float]:
-    """ADD(-S) as share of the diameter, on a fixed choice of at most 2000 vertices."""
-    step = max(1, -(-len(part.vertices) // _MOST_VERTICES))
-    points = np.ascontiguousarray(part.vertices[::step])
-    measure = adds_mm if part.symmetries else add_mm
-
-    def share(found: np.ndarray, truth: np.ndarray) -> float:
-        value = measure(points, found, truth) / part.diameter
-        return value if math.isfinite(value) else math.inf
-
-    return share

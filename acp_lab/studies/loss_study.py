@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.errors import SequenceError
-from acp_lab.evaluation.metrics import add_mm
+from acp_lab.evaluation import PartMetric
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.imaging.distance import distance_map
@@ -29,7 +29,7 @@ from acp_lab.tracking.targets.distance_map import DistanceTarget
 
 ERASED_REACH_PX = 2.5
 _LOST = 1.0
-_VERTICES = 500
+_MOST_VERTICES = 1000
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class LossChoice:
 @dataclass(frozen=True)
 class LossStudyConfig:
     """turn_deg, shift_mm: how far the starts are off; trials: random directions per frame; steps: per level; limit:
-    share of the diameter below which ADD counts as found."""
+    share of the diameter below which ADD(-S) counts as found."""
 
     turn_deg: float = 2.0
     shift_mm: float = 2.0
@@ -57,8 +57,8 @@ class LossStudyConfig:
 class LossStudy:
     """Where the descents ended. Prints as a table.
 
-    names: (c,) of the choices. erased: (e,) shares of the part's edges that were taken away. errors: (c, e, n) ADD of
-    n descents as share of the diameter, 1 for those that went astray. limit: below it the pose counts as found.
+    names: (c,) of the choices. erased: (e,) shares of the part's edges that were taken away. errors: (c, e, n) ADD(-S)
+    of n descents as share of the diameter, 1 for those that went astray. limit: below it the pose counts as found.
     """
 
     names: tuple[str, ...]
@@ -73,7 +73,7 @@ class LossStudy:
 
     @property
     def median(self) -> FloatArray:
-        """(c, e) median ADD, share of the diameter."""
+        """(c, e) median ADD(-S), share of the diameter."""
         return np.asarray(np.median(self.errors, axis=2), dtype=np.float64)
 
     def __str__(self) -> str:
@@ -83,7 +83,7 @@ class LossStudy:
             f"{name:>{width}}" + "".join(f"{100 * error:10.2f} %" for error in errors)
             for name, errors in zip(self.names, self.median, strict=True)
         ]
-        return "\n".join([head, *rows, f"median ADD in % of the diameter, {self.errors.shape[2]} descents each"])
+        return "\n".join([head, *rows, f"median ADD(-S) in % of the diameter, {self.errors.shape[2]} descents each"])
 
 
 def loss_study(
@@ -106,7 +106,7 @@ def loss_study(
     """
     if not frames or len(frames) != len(truths):
         raise SequenceError(f"loss study of {len(frames)} frames and {len(truths)} poses: give one pose for each frame")
-    vertices = model.part.vertices[:: max(1, len(model.part.vertices) // _VERTICES)]
+    metric = PartMetric(model.part, _MOST_VERTICES)
     errors = np.empty((len(choices), len(erased), len(frames) * config.trials))
     solver = SolverConfig(steps=config.steps)
     for which, (frame, truth) in enumerate(zip(frames, truths, strict=True)):
@@ -120,8 +120,7 @@ def loss_study(
                 for i, choice in enumerate(choices):
                     way = surface.descend("pose", start, choice.form, choice.alphas_px, solver)
                     end = move_pose(truth, model.part.box_centre, way.offsets[-1])
-                    error = add_mm(vertices, end, truth) / model.part.diameter
-                    errors[i, j, which * config.trials + trial] = min(error, _LOST) if np.isfinite(error) else _LOST
+                    errors[i, j, which * config.trials + trial] = min(metric.share(end, truth), _LOST)
     return LossStudy(tuple(choice.name for choice in choices), tuple(erased), errors, config.limit)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.cad.part import Part
-from acp_lab.evaluation.metrics import add_mm
+from acp_lab.evaluation import PartMetric
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
@@ -22,7 +22,7 @@ from acp_lab.geometry.pose_step import control_point_jacobian
 from acp_lab.sequences.bop import BopScene
 from acp_lab.tracking.session import TrackRun
 
-_VERTICES = 500
+_MOST_VERTICES = 1000
 
 
 def redundant_directions(
@@ -51,7 +51,8 @@ def misfit_px(control_points: FloatArray, points_obj: FloatArray, cam_T_obj: Flo
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How a run left what a rigid part can show. frame_ids, misfits_px, errors (ADD as share of the diameter): (n,)."""
+    """How a run left what a rigid part can show. frame_ids, misfits_px, errors (ADD(-S) as
+    share of the diameter): (n,)."""
 
     frame_ids: np.ndarray
     misfits_px: FloatArray
@@ -63,7 +64,7 @@ def drift(run: TrackRun, scene: BopScene, part: Part, points_of_region: Callable
 
     points_of_region: W (4, 3) mm of a view region, as the tracker used it.
     """
-    vertices = part.vertices[:: max(1, len(part.vertices) // _VERTICES)]
+    metric = PartMetric(part, _MOST_VERTICES)
     ((object_id, results),) = run.results.items()
     rows = []
     for result in results:
@@ -71,6 +72,6 @@ def drift(run: TrackRun, scene: BopScene, part: Part, points_of_region: Callable
         assert truth is not None, "drift is measured on scenes with truth"
         points_obj = points_of_region(result.region)
         off = misfit_px(result.control_points, points_obj, result.cam_T_obj, scene.camera(result.frame_id))
-        rows.append((result.frame_id, off, add_mm(vertices, result.cam_T_obj, truth) / part.diameter))
+        rows.append((result.frame_id, off, metric.share(result.cam_T_obj, truth)))
     frame_ids, misfits, errors = np.array(rows).T
     return Drift(frame_ids.astype(int), misfits, errors)

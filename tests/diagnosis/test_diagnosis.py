@@ -8,21 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
-from acp_lab.diagnosis.causes import Cause
+from acp_lab.diagnosis.causes import Cause, DiagnosisConfig
 from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose
 from acp_lab.diagnosis.frame_evidence import PartObserver, image_motion
 from acp_lab.errors import SequenceError
+from acp_lab.evaluation.evaluation import frame_errors
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import make_pose, transform
+from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.observer import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker
-from tests.made_parts import bracket, looking_at
-from tests.tracking.rendered import CAMERA, GROUND, MadeSequence, draw, poses, prepared
+from tests.made_parts import bracket, extruded, looking_at
+from tests.tracking.rendered import CAMERA, GROUND, MadeSequence, add_percent, draw, poses, prepared
 
 FRAMES = 8
 TROUBLE = 5  # frames before it are good
@@ -246,6 +248,43 @@ def test_a_part_in_another_unit(good: TrackRun) -> None:
     run = replace(good, starts={1: truth_far})
     diagnosis = named(run)
     assert diagnosis.causes[0] is Cause.UNIT_OR_CAMERA
+
+
+# ---- the error that is told --------------------------------------------------------------------------------------
+
+
+def test_the_error_told_is_that_of_the_evaluation(good: TrackRun, part: Part, truth: list[FloatArray]) -> None:
+    off = truth[3].copy()
+    off[:3, 3] += (0.0, 3.0, -4.0)
+    results = [*good.results[1][:3], replace(good.results[1][3], cam_T_obj=off), *good.results[1][4:]]
+    run = replace(good, results={1: tuple(results)})
+    row = next(row for row in run.rows if row.im_id == results[3].frame_id)
+    errors = frame_errors(part, {row.im_id: truth[3]}, {row.im_id: row})
+    diagnosis = diagnose(run, 3)
+    assert diagnosis.add_percent == pytest.approx(100.0 * errors.distance[0], rel=1e-9)
+    assert diagnosis.add_percent == pytest.approx(100.0 * 5.0 / part.diameter)
+    assert f", ADD {100.0 * 5.0 / part.diameter:.1f}% of the diameter" in diagnosis.summary
+
+
+def test_a_part_turned_by_its_symmetry_is_right() -> None:
+    """A three-sided prism, whose box has its centre beside the axis of symmetry."""
+    angles = np.radians([0.0, 120.0, 240.0])
+    vertices, faces = extruded(25.0 * np.column_stack([np.cos(angles), np.sin(angles)]), 20.0)
+    turns = np.array([make_pose(so3_exp(np.array([0.0, 0.0, angle])), np.zeros(3)) for angle in angles[1:]])
+    prism = Part.from_mesh(vertices, faces, "prism", Symmetries(turns))
+    truth = poses(prism, looking_at(prism, np.array([0.8, 0.6, 1.0]), 200.0, 0.3), FRAMES, SLOW)
+    images = [draw([(prism, pose)], seed) for seed, pose in enumerate(truth)]
+    run = Tracker(prepared(prism)).run(MadeSequence(images, {1: truth}), truth[0] @ turns[0])
+    assert add_percent(prism, run.results[1][-1].cam_T_obj, truth[-1]) > 30.0, "the test's own point is gone"
+    diagnosis = diagnose(run, TROUBLE)
+    assert diagnosis.metric == "ADD-S"
+    assert diagnosis.add_percent < 1.5
+    assert diagnosis.is_good
+    assert "ADD-S" in diagnosis.summary
+    # With a low quality the motion is looked at too: the part was where it was expected.
+    weak = [replace(result, quality=0.2, state=TrackState.WEAK) for result in run.results[1][TROUBLE:]]
+    weakened = replace(run, results={1: (*run.results[1][:TROUBLE], *weak)})
+    assert Cause.FAST_MOTION not in diagnose(weakened, TROUBLE, config=DiagnosisConfig(recovery_px=0.0)).causes
 
 
 # ---- the measurements --------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """Accuracy as pictures: errors over the frames, recall over the limit, and tables of methods as dots.
 
-Convention: ADD in percent of the diameter; shares of frames in [0, 1].
+Convention: ADD(-S) in percent of the diameter; shares of frames in [0, 1].
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LARGEST_SHOWN_PERCENT = 60.0
 
 
 def draw_errors(axes: Axes, runs: Mapping[str, FrameErrors]) -> None:
-    """ADD of each frame, a curve per run, on a logarithmic scale; the limits that scores use as lines."""
+    """ADD(-S) of each frame, a curve per run, on a logarithmic scale; the limits that scores use as lines."""
     for (name, errors), colour in zip(runs.items(), OBJECT_COLOURS, strict=False):
         percent = np.minimum(100.0 * errors.distance, LARGEST_SHOWN_PERCENT)
         axes.semilogy(errors.frame_ids, percent, color=colour, linewidth=1.5, label=name)
@@ -32,7 +32,7 @@ def draw_errors(axes: Axes, runs: Mapping[str, FrameErrors]) -> None:
     axes.set_ylim(None, 1.1 * LARGEST_SHOWN_PERCENT)
     axes.minorticks_off()
     axes.set_xlabel("image id")
-    axes.set_ylabel("ADD [% of diameter]")
+    axes.set_ylabel("ADD(-S) [% of diameter]")
     axes.legend()
 
 
@@ -47,7 +47,7 @@ def draw_recall(axes: Axes, runs: Mapping[str, FrameErrors], limit_percent: floa
         axes.axvline(limit, color=UNKNOWN, linestyle="--", linewidth=0.8)
     axes.set_xlim(0.0, limit_percent)
     axes.set_ylim(0.0, 1.03)
-    axes.set_xlabel("limit of ADD [% of diameter]")
+    axes.set_xlabel("limit of ADD(-S) [% of diameter]")
     axes.set_ylabel("share of frames below the limit")
     axes.legend(loc="center right")
 

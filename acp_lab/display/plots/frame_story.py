@@ -51,7 +51,7 @@ def draw_runs(
     largest_percent: float = 20.0,
     object_id: int = 1,
 ) -> None:
-    """ADD and quality of up to six runs; crosses where a run says that it is lost, rings where it says weak.
+    """ADD(-S) and quality of up to six runs; crosses where a run says that it is lost, rings where it says weak.
 
     largest_percent: errors above it are drawn there.
     """
@@ -69,7 +69,7 @@ def draw_runs(
     for limit in (2.0, 5.0):
         error_axes.axhline(limit, color=UNKNOWN, linestyle="--", linewidth=0.8)
     error_axes.set_ylim(0.0, 1.04 * largest_percent)
-    error_axes.set_ylabel(f"ADD [% of diameter], at most {largest_percent:.0f}")
+    error_axes.set_ylabel(f"ADD(-S) [% of diameter], at most {largest_percent:.0f}")
     for limit, word in ((_STATES.weak_below, "weak"), (_STATES.lost_below, "lost")):
         quality_axes.axhline(limit, color=WRONG, linestyle=":", linewidth=1.0)
         quality_axes.annotate(word, (0.0, limit), (2, 2), textcoords="offset points", fontsize=8, color=WRONG)

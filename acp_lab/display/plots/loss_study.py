@@ -95,7 +95,7 @@ def draw_erased(axes: Axes, study: LossStudy) -> None:
         axes.plot(percent, 100.0 * median, "-o", color=colour, markersize=4.0, label=name)
     axes.axhline(100.0 * study.limit, color=UNKNOWN, linestyle="--", linewidth=0.8)
     axes.set_xlabel("edges of the part missing in the image [%]")
-    axes.set_ylabel("median ADD [% of the diameter]")
+    axes.set_ylabel("median ADD(-S) [% of the diameter]")
     axes.set_ylim(bottom=0.0)
     axes.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")
 

@@ -1,6 +1,6 @@
 """Pictures of control points on their way: one view of the paper's Fig. 1, redundant directions, drifts, descents.
 
-Convention: px of the image; errors are ADD in percent of the part's diameter.
+Convention: px of the image; errors are ADD(-S) in percent of the part's diameter.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def draw_drifts(misfit_axes: Axes, error_axes: Axes, drifts: Mapping[str, Drift]
         error_axes.plot(one.frame_ids, np.minimum(100.0 * one.errors, 10.0), color=colour, label=name)
     error_axes.axhline(_LIMIT_PERCENT, color=UNKNOWN, linestyle="--", linewidth=0.8)
     misfit_axes.set_ylabel("I beside its own pose, rms [px]")
-    error_axes.set_ylabel("ADD [% of the diameter], up to 10")
+    error_axes.set_ylabel("ADD(-S) [% of the diameter], up to 10")
     for axes in (misfit_axes, error_axes):
         axes.set_xlabel("frame")
         axes.set_ylim(bottom=0.0)
@@ -64,7 +64,7 @@ def draw_drifts(misfit_axes: Axes, error_axes: Axes, drifts: Mapping[str, Drift]
 
 
 def draw_descents(axes: Axes, descents: Mapping[str, np.ndarray], steps_per_level: int) -> None:
-    """ADD (k,) as share of the diameter after each step, from the start; lines where alpha gets smaller."""
+    """ADD(-S) (k,) as share of the diameter after each step, from the start; lines where alpha gets smaller."""
     longest = 0
     for (name, errors), colour in zip(descents.items(), OBJECT_COLOURS, strict=False):
         axes.plot(100.0 * errors, "-o", color=colour, markersize=3.5, label=name)
@@ -73,6 +73,6 @@ def draw_descents(axes: Axes, descents: Mapping[str, np.ndarray], steps_per_leve
         axes.axvline(place + 0.5, color=UNKNOWN, linestyle=":", linewidth=1.0)
     axes.axhline(_LIMIT_PERCENT, color=UNKNOWN, linestyle="--", linewidth=0.8)
     axes.set_xlabel("step (dotted: smaller α, new edges)")
-    axes.set_ylabel("ADD [% of the diameter]")
+    axes.set_ylabel("ADD(-S) [% of the diameter]")
     axes.set_ylim(bottom=0.0)
     axes.legend()

@@ -72,8 +72,8 @@ def draw_frame(axes: Axes, image: ByteImage, results: Sequence[TrackResult], tit
 
 
 def draw_curves(axes: Sequence[Axes], objects: Sequence[Curves]) -> None:
-    """ADD, quality and time of each object over the image ids, on three axes."""
-    labels = ("ADD [% of diameter]", "quality [0 to 1]", "time per frame [ms]")
+    """ADD(-S), quality and time of each object over the image ids, on three axes."""
+    labels = ("ADD(-S) [% of diameter]", "quality [0 to 1]", "time per frame [ms]")
     for axis, label, key in zip(axes, labels, ("add_percent", "quality", "time_ms"), strict=True):
         for order, curves in enumerate(objects):
             values = np.array(getattr(curves, key), dtype=np.float64)

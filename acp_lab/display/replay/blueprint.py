@@ -146,7 +146,7 @@ def _curves(roots: Sequence[str]) -> list[Any]:
 
     return [
         plot("quality", "quality", (0.0, 1.0)),
-        rrb.Tabs(plot("add_percent", "ADD %"), plot("pose_error", "deg, mm"), active_tab=0),
+        rrb.Tabs(plot("add_percent", "ADD(-S) %"), plot("pose_error", "deg, mm"), active_tab=0),
         rrb.Tabs(plot("loss", "loss"), plot("step_loss", "loss of steps"), active_tab=0),
         rrb.Tabs(plot("ms", "ms"), plot("iterations", "iterations"), plot("region", "region"), active_tab=0),
     ]

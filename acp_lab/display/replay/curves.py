@@ -121,7 +121,8 @@ class CurveLog:
         )
         if error is not None:
             lines.append(
-                f"ADD {add_percent:.2f} % of the diameter, {error.rotation_deg:.2f} deg, {error.translation_mm:.2f} mm"
+                f"{self._add_percent.metric} {add_percent:.2f} % of the diameter, {error.rotation_deg:.2f} deg, "
+                f"{error.translation_mm:.2f} mm"
             )
         if isinstance(frame, UnreadableFrame):
             lines.append(f"unreadable: {frame.reason}")

@@ -1,6 +1,6 @@
 """A replay as a film that every browser plays: the frames with what was tracked drawn over them (H.264, MP4).
 
-Below the image stand, per object, its state, the quality, ADD where truth is known, and the curve of the quality
+Below the image stand, per object, its state, the quality, ADD(-S) where truth is known, and the curve of the quality
 over the whole film with a mark for now. Two replays run beside each other.
 """
 
@@ -145,7 +145,7 @@ def _captions(panel: _Panel, number: int) -> ByteImage:
         if math.isfinite(shown.quality):
             words.append(f"quality {shown.quality:.2f}")
         if math.isfinite(shown.add_percent):
-            words.append(f"ADD {shown.add_percent:.1f} %")
+            words.append(f"ADD(-S) {shown.add_percent:.1f} %")
         said = "     ".join(words)
         draw.text((WORDS_AT, middle), said, TEXT, font, anchor="lm")
         left = max(0.68 * panel.width, WORDS_AT + draw.textlength(said, font) + 20.0)

@@ -21,7 +21,7 @@ from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.observer import TrackResult
 from acp_lab.tracking.session import TrackRun
 
-ADD_ROW, LOSS_ROW, QUALITY_ROW = "ADD [% of diameter]", "loss e(I)", "quality [0 to 1]"
+LOSS_ROW, QUALITY_ROW = "loss e(I)", "quality [0 to 1]"
 ADD_LIMITS = (2.0, 5.0)
 PLAY_MS = 150
 LARGEST_SHOWN_ADD = 20.0
@@ -92,6 +92,7 @@ class TrackPlayer(ipywidgets.VBox):
     def _show_object(self) -> None:
         results, part = self.results, self.run.parts.get(self.object_id)
         error = AddPercent(part) if part is not None else None
+        self._metric = error.metric if error else ""
         truths = [self.sequence.truth(result.frame_id, self.object_id) for result in results]
         self._add_percent = np.array(
             [error(r.cam_T_obj, truth) if error else np.nan for r, truth in zip(results, truths, strict=True)]
@@ -103,9 +104,10 @@ class TrackPlayer(ipywidgets.VBox):
         marks: tuple[Mark, ...] = ()
         if np.isfinite(self._add_percent).any():
             shown = np.minimum(self._add_percent, LARGEST_SHOWN_ADD)
-            curves.insert(0, Curve(shown, POINTS, ADD_ROW))
+            add_row = f"{self._metric} [% of diameter]"
+            curves.insert(0, Curve(shown, POINTS, add_row))
             limits = [limit for limit in ADD_LIMITS if limit <= max(np.nanmax(shown), ADD_LIMITS[0])]
-            marks = tuple(Mark(limit, ADD_ROW, f"{limit:g}%") for limit in limits)
+            marks = tuple(Mark(limit, add_row, f"{limit:g}%") for limit in limits)
         with self.curves.hold_sync():
             self.curves.x = tuple(float(result.frame_id) for result in results)
             self.curves.marks, self.curves.curves = marks, tuple(curves)
@@ -128,7 +130,7 @@ class TrackPlayer(ipywidgets.VBox):
         words = [str(result.state), f"quality {result.quality:.2f}", f"{1e3 * result.timings.total_s:.1f} ms"]
         add = self._add_percent[min(self.frame, len(self.results) - 1)]
         if np.isfinite(add):
-            words.insert(1, f"ADD {add:.2f} %")
+            words.insert(1, f"{self._metric} {add:.2f} %")
         return ", ".join([*words, result.note] if result.note else words)
 
 
