@@ -17,6 +17,9 @@ from typing import NoReturn
 
 from acp_lab.errors import AcpLabError
 
+EXTRAS = {"manifold3d": "recipes", "yaml": "recipes", "mitsuba": "path-traced"}
+"""Modules that a plain installation lacks, and the extra that brings them."""
+
 
 class Parser(argparse.ArgumentParser):
     """Bad usage is one line on stderr and exit status 2."""
@@ -38,6 +41,13 @@ def run(recipe: Callable[[argparse.Namespace], None], parser: Parser, argv: Sequ
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}: check the path, its rights and the disk", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        module = (error.name or "").partition(".")[0]
+        extra = EXTRAS.get(module)
+        if extra is None:
+            raise
+        print(f'error: {module} is not installed: pip install -e ".[{extra}]"', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

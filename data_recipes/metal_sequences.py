@@ -17,45 +17,14 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse  # noqa: E402
 import sys  # noqa: E402
-import time  # noqa: E402
 from collections.abc import Sequence  # noqa: E402
-from dataclasses import dataclass  # noqa: E402
-from itertools import pairwise  # noqa: E402
 from pathlib import Path  # noqa: E402
-from typing import Protocol  # noqa: E402
 
-import numpy as np  # noqa: E402
-
-from acp_lab.geometry.pose import rotation_angle_deg  # noqa: E402
-from data_recipes.bop_writer import (  # noqa: E402
-    Model,
-    new_dataset,
-    visibility,
-    write_image,
-    write_json,
-    write_models,
-    write_scene,
-)
-from data_recipes.command import Parser, count, names_of, note, positive, run, whole  # noqa: E402
-from data_recipes.contact_sheet import contact_sheet, save_picture  # noqa: E402
-from data_recipes.metal.cad_parts import FIRST_PARTS, PARTS, CadPart, make_part  # noqa: E402
-from data_recipes.metal.path_traced import SPP, path_tracer  # noqa: E402
-from data_recipes.metal.render import Picture, Renderer  # noqa: E402
-from data_recipes.metal.scene import KINDS, Scene, SceneConfig, make_scene  # noqa: E402
-from data_recipes.metal.sensor import make_sensor  # noqa: E402
+from data_recipes.command import Parser, count, names_of, positive, run, whole  # noqa: E402
+from data_recipes.metal.plan import FIRST_PARTS, KINDS, PART_NAMES, SPP, Plan, SceneConfig  # noqa: E402
 
 SIZES = ("640x512", "1224x1024")
-FPS = 30.0
 SAMPLE_FOLDER = Path(__file__).resolve().parents[1] / "acp_lab" / "sample" / "data"
-
-
-@dataclass(frozen=True)
-class Plan:
-    """One sequence of a data set: which part (by name) and what happens to it."""
-
-    part: str
-    config: SceneConfig
-
 
 # The shipped sample. Change it only together with the files under acp_lab/sample/data.
 SAMPLE = Plan(
@@ -65,90 +34,6 @@ SAMPLE = Plan(
         table="wood", metal="aluminium", finish="milled", clutter=9, rest=0,
     ),
 )  # fmt: skip
-
-
-def render_dataset(
-    out: Path, plans: Sequence[Plan], suffix: str, force: bool = False, spp: int | None = None
-) -> None:
-    """Render all planned sequences into the BOP data set `out`.
-
-    suffix: ".jpg" or ".png". spp: samples per pixel of a path tracer; None for our own renderer. Raises InputFileError
-    when `out` exists and force is not set, and when there is no path tracer.
-    """
-    names = list(dict.fromkeys(plan.part for plan in plans))
-    parts = {name: make_part(name) for name in names}
-    with new_dataset(out, force) as root:
-        write_models(root, {number: _model(part) for number, part in enumerate(parts.values(), start=1)})
-        for number, plan in enumerate(plans, start=1):
-            folder = root / "test" / f"{number:06d}"
-            (folder / "rgb").mkdir(parents=True)
-            start = time.perf_counter()
-            scene = make_scene(parts[plan.part], plan.config)
-            renderer = Renderer(scene) if spp is None else path_tracer(scene, spp)
-            _render_scene(folder, scene, renderer, names.index(plan.part) + 1, suffix)
-            write_json(folder / "scene_meta.json", _meta(scene, number, names.index(plan.part) + 1, parts[plan.part]))
-            each = (time.perf_counter() - start) / plan.config.frames
-            note(f"scene {number}: {plan.part}, {plan.config.kind}, {each:.1f} s per frame")
-
-
-def _model(part: CadPart) -> Model:
-    return Model(part.vertices, part.faces, part.diameter, {"group": part.group, "name": part.name})
-
-
-class FrameRenderer(Protocol):
-    """What turns a scene into pictures."""
-
-    def frame(self, index: int) -> Picture:
-        """Render one frame."""
-
-
-def _render_scene(folder: Path, scene: Scene, renderer: FrameRenderer, object_id: int, suffix: str) -> None:
-    sensor, seen = None, []
-    for frame in range(scene.config.frames):
-        picture = renderer.frame(frame)
-        if sensor is None:
-            sensor = make_sensor(np.random.default_rng([scene.config.seed, 20]), picture.image, picture.part_seen)
-        noise = np.random.default_rng([scene.config.seed, 21, frame])
-        write_image(folder / "rgb" / f"{frame:06d}{suffix}", sensor.expose(picture.image, noise))
-        seen.append(visibility(picture.part_alone, picture.part_seen))
-    write_scene(folder, [scene.camera.matrix] * scene.config.frames, object_id, scene.truth.poses, seen)
-
-
-def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[str, object]:
-    config = scene.config
-    return {
-        "scene_id": scene_id,
-        "obj_id": object_id,
-        "part": part.name,
-        "group": part.group,
-        "kind": config.kind,
-        "seed": config.seed,
-        "edge_break_mm": config.edge_break_mm,
-        "material": scene.names[0],
-        "table": scene.table.kind,
-        "moving": "part" if scene.held else "camera",
-        "light_moves": scene.lights is not None,
-        "frames": config.frames,
-        "fps": FPS,
-        "width": config.width,
-        "height": config.height,
-        "exposure_frames": round(scene.exposure_frames, 4),
-        "motion": motion_statistics(scene.truth.poses),
-    }
-
-
-def motion_statistics(cam_T_obj: np.ndarray) -> dict[str, object]:
-    """Rotation (deg) and translation (mm) per frame, and the range of distances (mm), of poses (n, 4, 4)."""
-    pairs = list(pairwise(cam_T_obj))
-    turn = np.array([rotation_angle_deg(a[:3, :3], b[:3, :3]) for a, b in pairs] or [0.0])
-    step = np.array([float(np.linalg.norm(b[:3, 3] - a[:3, 3])) for a, b in pairs] or [0.0])
-    return {
-        "rot_deg_mean": round(float(turn.mean()), 3),
-        "rot_deg_max": round(float(turn.max()), 3),
-        "trans_mm_mean": round(float(step.mean()), 3),
-        "trans_mm_max": round(float(step.max()), 3),
-        "dist_mm": [round(float(cam_T_obj[:, 2, 3].min()), 1), round(float(cam_T_obj[:, 2, 3].max()), 1)],
-    }
 
 
 def make_plans(args: argparse.Namespace) -> list[Plan]:
@@ -197,8 +82,8 @@ def build_parser() -> Parser:
     parser.add_argument("--out", type=Path, help="data set folder to write")
     parser.add_argument("--sample", action="store_true", help="the shipped sample; only --out and --force count")
     parser.add_argument(
-        "--parts", type=names_of(tuple(PARTS), "part"), default=list(FIRST_PARTS),
-        help=f"{', '.join(PARTS)} (all but v_block)",
+        "--parts", type=names_of(PART_NAMES, "part"), default=list(FIRST_PARTS),
+        help=f"{', '.join(PART_NAMES)} (all but v_block)",
     )  # fmt: skip
     parser.add_argument("--kinds", type=names_of(KINDS, "kind"), default=["regular"], help=", ".join(KINDS))
     parser.add_argument("--sequences", type=count, help="how many (default: the longest list)")
@@ -219,6 +104,10 @@ def build_parser() -> Parser:
 
 def make(args: argparse.Namespace) -> None:
     """Render what the options describe."""
+    # Only here, for they need the `recipes` extra; the options are told without it.
+    from data_recipes.contact_sheet import contact_sheet, save_picture
+    from data_recipes.metal.dataset import render_dataset
+
     out: Path = args.out or SAMPLE_FOLDER
     plans = [SAMPLE] if args.sample else make_plans(args)
     suffix = ".jpg" if args.sample else f".{args.image_format}"

@@ -189,11 +189,7 @@ PARTS: dict[str, tuple[int, Callable[[], Manifold]]] = {
     "lever_arm": (4, lever_arm),
     "v_block": (1, v_block),
 }
-"""Group and builder by name."""
-
-FIRST_PARTS = ("slot_block", "l_bracket", "u_clevis", "flange_hub", "valve_body", "finned_cover", "lever_arm")
-"""What is shown where nothing is chosen, and what lies about. Later parts stay out of it: another one would change what
-every seed has shown so far."""
+"""Group and builder by name, in the order of `plan.PART_NAMES`."""
 
 
 def make_part(name: str) -> CadPart:

@@ -8,7 +8,8 @@ import numpy as np
 from manifold3d import Manifold
 from scipy.interpolate import CubicSpline
 
-from data_recipes.metal import cad_parts
+from data_recipes.metal.cad_parts import make_part
+from data_recipes.metal.plan import FIRST_PARTS
 from data_recipes.metal.solids import block, bore, mesh_arrays, prism, profile, rod, slot, tube
 
 Rng = np.random.Generator
@@ -70,8 +71,8 @@ def small_thing(rng: Rng) -> tuple[np.ndarray, np.ndarray]:
 
 def other_part(rng: Rng, scale: float, avoid: str = "") -> tuple[np.ndarray, np.ndarray]:
     """One of the CAD parts at another scale, never the one called `avoid`: vertices and faces."""
-    names = [n for n in cad_parts.FIRST_PARTS if n != avoid]
-    part = cad_parts.make_part(names[int(rng.integers(len(names)))])
+    names = [n for n in FIRST_PARTS if n != avoid]
+    part = make_part(names[int(rng.integers(len(names)))])
     return part.vertices * scale, part.faces
 
 

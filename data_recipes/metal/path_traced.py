@@ -25,7 +25,6 @@ from data_recipes.metal.scene import Moment, Scene
 from data_recipes.metal.surfaces import Material
 from data_recipes.metal.table import HALF_MM
 
-SPP = 64
 _MAX_BOUNCES = 8
 _BRIGHTEST = 20.0
 """Single samples brighter than that are cut: a pixel that caught a lamp in a scratch outshines its neighbours."""

@@ -9,7 +9,6 @@ Convention: the truth is `cam_T_part` at whole times; every other pose is derive
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -30,42 +29,13 @@ from data_recipes.metal.motion import (
     walk,
     wander,
 )
-from data_recipes.metal.table import TABLE_KINDS, Table, TableKind, make_table
+from data_recipes.metal.plan import Kind, SceneConfig
+from data_recipes.metal.table import TABLE_KINDS, Table, make_table
 
-Kind = Literal["regular", "reflection", "rotation", "occlusion", "fast"]
-KINDS: tuple[Kind, ...] = ("regular", "reflection", "rotation", "occlusion", "fast")
 ROT_DEG: dict[Kind, float] = {"regular": 1.6, "reflection": 1.5, "rotation": 2.8, "occlusion": 1.5, "fast": 3.8}
 TRANS_MM: dict[Kind, float] = {"regular": 2.5, "reflection": 2.5, "rotation": 1.5, "occlusion": 2.0, "fast": 4.5}
 _NEAR_MM, _FAR_MM = 355.0, 500.0
 _ROT_LIMIT = {"fast": 5.0}
-
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """What one sequence shows. rot_deg and trans_mm are means per frame; None takes the kind's own."""
-
-    kind: Kind
-    frames: int
-    width: int
-    height: int
-    seed: int
-    edge_break_mm: float = 0.0
-    rot_deg: float | None = None
-    trans_mm: float | None = None
-    table: TableKind | None = None
-    metal: str | None = None
-    finish: surfaces.Finish | None = None
-    clutter: int | None = None
-    rest: int | None = None  # which stable pose the part lies in, 0 = the steadiest
-
-    @property
-    def camera(self) -> Camera:
-        """Pinhole with f = 915 px at 640 px width, principal point near the middle."""
-        rng = np.random.default_rng([self.seed, 1])
-        f = 915.0 * self.width / 640.0 * (1 + 0.004 * rng.uniform(-1, 1))
-        shift = rng.uniform(-4, 4, 2) * self.width / 640.0
-        cx, cy = (self.width - 1) / 2 + shift[0], (self.height - 1) / 2 + shift[1]
-        return Camera(self.width, self.height, round(f, 3), round(f, 3), round(cx, 3), round(cy, 3))
 
 
 @dataclass(frozen=True, eq=False)

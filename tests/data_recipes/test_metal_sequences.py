@@ -15,8 +15,9 @@ from acp_lab.cad.raycast import EmbreeCaster
 from acp_lab.geometry.pose import check_rotation, inverse, transform
 from data_recipes.metal.cad_parts import make_part
 from data_recipes.metal.edge_break import find_creases
+from data_recipes.metal.plan import KINDS, Kind, SceneConfig
 from data_recipes.metal.render import Renderer
-from data_recipes.metal.scene import KINDS, Kind, Scene, SceneConfig, make_scene
+from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal_sequences import main
 
 TINY = ("--size", "96x80", "--frames", "2", "--clutter", "1")
@@ -120,7 +121,7 @@ def test_failure_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.Monke
     def fail(*_: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr("data_recipes.metal_sequences.write_image", fail)
+    monkeypatch.setattr("data_recipes.metal.dataset.write_image", fail)
     assert run(tmp_path / "set", "--parts", "slot_block") == 2
     assert list(tmp_path.iterdir()) == []
 

@@ -8,8 +8,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from acp_lab.cad.raycast import EmbreeCaster
-from data_recipes.metal.cad_parts import FIRST_PARTS, PARTS, CadPart, make_part
+from data_recipes.metal.cad_parts import PARTS, CadPart, make_part
 from data_recipes.metal.clutter import other_part
+from data_recipes.metal.plan import FIRST_PARTS, PART_NAMES
 from data_recipes.metal_sequences import build_parser
 
 
@@ -61,6 +62,7 @@ def test_a_new_part_changes_nothing_that_a_seed_showed_before() -> None:
     assert build_parser().get_default("parts") == list(FIRST_PARTS)
     assert len(FIRST_PARTS) == 7
     assert set(FIRST_PARTS) < set(PARTS)
+    assert tuple(PARTS) == PART_NAMES
     # Things that lie about: drawn from those seven, in their order.
     drawn = other_part(np.random.default_rng(3), 1.0)[1]
     names = [name for name in FIRST_PARTS if len(make_part(name).faces) == len(drawn)]

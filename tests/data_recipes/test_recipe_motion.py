@@ -18,7 +18,8 @@ from data_recipes.metal.motion import (
     walk,
     wander,
 )
-from data_recipes.metal.scene import KINDS, Kind, SceneConfig, plan_truth
+from data_recipes.metal.plan import KINDS, Kind, SceneConfig
+from data_recipes.metal.scene import plan_truth
 
 
 @pytest.mark.parametrize("steady", [False, True])

@@ -15,8 +15,9 @@ from data_recipes import contact_sheet as sheets
 from data_recipes.metal import primary_hits, render_pass
 from data_recipes.metal.cad_parts import make_part
 from data_recipes.metal.path_traced import path_tracer
+from data_recipes.metal.plan import SceneConfig
 from data_recipes.metal.render import Picture, Renderer
-from data_recipes.metal.scene import Scene, SceneConfig, make_scene
+from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal.sensor import tone
 from data_recipes.metal_sequences import main as metal_sequences
 from tests.sequences.tiny_dataset import write_dataset

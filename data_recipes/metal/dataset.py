@@ -1,0 +1,115 @@
+"""Renders planned sequences into a data set in the BOP layout."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from acp_lab.geometry.pose import rotation_angle_deg
+from data_recipes.bop_writer import (
+    Model,
+    new_dataset,
+    visibility,
+    write_image,
+    write_json,
+    write_models,
+    write_scene,
+)
+from data_recipes.command import note
+from data_recipes.metal.cad_parts import CadPart, make_part
+from data_recipes.metal.path_traced import path_tracer
+from data_recipes.metal.plan import Plan
+from data_recipes.metal.render import Picture, Renderer
+from data_recipes.metal.scene import Scene, make_scene
+from data_recipes.metal.sensor import make_sensor
+
+FPS = 30.0
+
+
+def render_dataset(
+    out: Path, plans: Sequence[Plan], suffix: str, force: bool = False, spp: int | None = None
+) -> None:
+    """Render all planned sequences into the BOP data set `out`.
+
+    suffix: ".jpg" or ".png". spp: samples per pixel of a path tracer; None for our own renderer. Raises InputFileError
+    when `out` exists and force is not set, and when there is no path tracer.
+    """
+    names = list(dict.fromkeys(plan.part for plan in plans))
+    parts = {name: make_part(name) for name in names}
+    with new_dataset(out, force) as root:
+        write_models(root, {number: _model(part) for number, part in enumerate(parts.values(), start=1)})
+        for number, plan in enumerate(plans, start=1):
+            folder = root / "test" / f"{number:06d}"
+            (folder / "rgb").mkdir(parents=True)
+            start = time.perf_counter()
+            scene = make_scene(parts[plan.part], plan.config)
+            renderer = Renderer(scene) if spp is None else path_tracer(scene, spp)
+            _render_scene(folder, scene, renderer, names.index(plan.part) + 1, suffix)
+            write_json(folder / "scene_meta.json", _meta(scene, number, names.index(plan.part) + 1, parts[plan.part]))
+            each = (time.perf_counter() - start) / plan.config.frames
+            note(f"scene {number}: {plan.part}, {plan.config.kind}, {each:.1f} s per frame")
+
+
+def _model(part: CadPart) -> Model:
+    return Model(part.vertices, part.faces, part.diameter, {"group": part.group, "name": part.name})
+
+
+class FrameRenderer(Protocol):
+    """What turns a scene into pictures."""
+
+    def frame(self, index: int) -> Picture:
+        """Render one frame."""
+
+
+def _render_scene(folder: Path, scene: Scene, renderer: FrameRenderer, object_id: int, suffix: str) -> None:
+    sensor, seen = None, []
+    for frame in range(scene.config.frames):
+        picture = renderer.frame(frame)
+        if sensor is None:
+            sensor = make_sensor(np.random.default_rng([scene.config.seed, 20]), picture.image, picture.part_seen)
+        noise = np.random.default_rng([scene.config.seed, 21, frame])
+        write_image(folder / "rgb" / f"{frame:06d}{suffix}", sensor.expose(picture.image, noise))
+        seen.append(visibility(picture.part_alone, picture.part_seen))
+    write_scene(folder, [scene.camera.matrix] * scene.config.frames, object_id, scene.truth.poses, seen)
+
+
+def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[str, object]:
+    config = scene.config
+    return {
+        "scene_id": scene_id,
+        "obj_id": object_id,
+        "part": part.name,
+        "group": part.group,
+        "kind": config.kind,
+        "seed": config.seed,
+        "edge_break_mm": config.edge_break_mm,
+        "material": scene.names[0],
+        "table": scene.table.kind,
+        "moving": "part" if scene.held else "camera",
+        "light_moves": scene.lights is not None,
+        "frames": config.frames,
+        "fps": FPS,
+        "width": config.width,
+        "height": config.height,
+        "exposure_frames": round(scene.exposure_frames, 4),
+        "motion": motion_statistics(scene.truth.poses),
+    }
+
+
+def motion_statistics(cam_T_obj: np.ndarray) -> dict[str, object]:
+    """Rotation (deg) and translation (mm) per frame, and the range of distances (mm), of poses (n, 4, 4)."""
+    pairs = list(pairwise(cam_T_obj))
+    turn = np.array([rotation_angle_deg(a[:3, :3], b[:3, :3]) for a, b in pairs] or [0.0])
+    step = np.array([float(np.linalg.norm(b[:3, 3] - a[:3, 3])) for a, b in pairs] or [0.0])
+    return {
+        "rot_deg_mean": round(float(turn.mean()), 3),
+        "rot_deg_max": round(float(turn.max()), 3),
+        "trans_mm_mean": round(float(step.mean()), 3),
+        "trans_mm_max": round(float(step.max()), 3),
+        "dist_mm": [round(float(cam_T_obj[:, 2, 3].min()), 1), round(float(cam_T_obj[:, 2, 3].max()), 1)],
+    }
