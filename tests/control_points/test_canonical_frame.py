@@ -114,6 +114,15 @@ def test_the_eye_is_the_cameras_centre(direction: FloatArray, roll: float) -> No
     np.testing.assert_allclose(eye_position(cam_T_obj), inverse(cam_T_obj)[:3, 3], atol=1e-9)
 
 
+def test_the_bounding_sphere_is_92_percent_as_wide_as_the_image() -> None:
+    """Networks are trained on it: smaller wastes pixels, larger leaves no room for jitter and for free coordinates."""
+    eye_obj = CENTRE + np.array([0.0, 0.0, 300.0])
+    frame = canonical_frame(eye_obj, CENTRE, RADIUS, ALL_REGIONS[4])
+    # A ray that touches the sphere leaves the optical axis by asin(radius / distance).
+    half_width_px = frame.focal_px * np.tan(np.arcsin(RADIUS / 300.0))
+    assert 2.0 * half_width_px / frame.size == pytest.approx(0.92)
+
+
 def test_the_default_size_is_small() -> None:
     assert (
         canonical_frame(CENTRE + np.array([0.0, 0.0, 300.0]), CENTRE, RADIUS, ALL_REGIONS[4]).size

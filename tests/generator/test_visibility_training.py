@@ -12,6 +12,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS, sample_directions
+from acp_lab.generator.edge_images import EdgeImageConfig
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.generator.visibility_training import TrainingConfig, TrainingReport, train_region
@@ -113,3 +114,33 @@ def test_the_fast_settings_train_less() -> None:
     fast, full = TrainingConfig.fast(), TrainingConfig()
     assert fast.views * fast.epochs < full.views * full.epochs / 4
     assert (fast.hidden, fast.overlap) == (full.hidden, full.overlap)
+
+
+def test_the_usual_views_leave_no_gap_in_the_region(part: Part) -> None:
+    """From anywhere in the region the nearest training view is a few degrees away; a tenth of them leaves holes."""
+    config, half_size = TrainingConfig(), 0.5 * part.box_size
+    asked = sample_directions(REGION, half_size, 2000, seed=5)
+    gaps = {}
+    for views in (config.views, config.views // 10):
+        trained = sample_directions(REGION, half_size, views, config.overlap, seed=0)
+        gaps[views] = np.degrees(np.arccos(np.clip((asked @ trained.T).max(1), -1.0, 1.0))).max()
+    assert gaps[config.views] < 7.0 < 10.0 < gaps[config.views // 10]
+
+
+def test_all_views_asked_for_are_made(
+    part: Part, edges: EdgeSamples, caster: RayCaster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Enough(Exception):
+        pass
+
+    counts = []
+
+    def counted(*args: object, **options: object) -> np.ndarray:
+        counts.append(args[2])
+        raise Enough
+
+    monkeypatch.setattr("acp_lab.generator.training.sample_directions", counted)
+    with pytest.raises(Enough):
+        train_region(part, edges, caster, REGION, TrainingConfig(), seed=0)
+    assert counts == [TrainingConfig().views + TrainingConfig().held_out]
+    assert TrainingConfig().views == EdgeImageConfig().views == 1000, "paper IV-A: about 1000 views per region"

@@ -110,6 +110,36 @@ def test_every_denoiser_and_rule_finds_the_square(square: ByteImage, denoise: st
     assert (target.distances(sides, np.tile([1.0, 0.0], (4, 1))).values < 1.1).all()
 
 
+@pytest.mark.parametrize("denoise", ["median", "bilateral", "nonlocal-means"])
+def test_every_denoiser_takes_out_the_edges_that_noise_makes(denoise: str) -> None:
+    """A faint square in strong noise: Canny alone finds hundreds of edge pixels that are none."""
+    grey = np.full((70, 90), 60.0)
+    grey[20:50, 30:60] = 80.0
+    grey += np.random.default_rng(0).normal(0.0, 7.0, grey.shape)
+    image = np.repeat(np.clip(np.round(grey), 0, 255).astype(np.uint8)[..., None], 3, 2)
+    sides = np.zeros((70, 90), bool)
+    sides[20:50, [30, 59]] = True
+    sides[[20, 49], 30:60] = True
+    own = distance_map(sides) <= 3.0
+    raw = distance_target(image, WHOLE, TargetConfig()).edges
+    clean = distance_target(image, WHOLE, TargetConfig(denoise=denoise)).edges  # type: ignore[arg-type]
+    assert (raw & ~own).sum() > 300, "the test's own point is gone"
+    assert (clean & ~own).sum() < 0.1 * (raw & ~own).sum()
+    assert (clean & own).sum() > 100, "the square's own edges must stay"
+
+
+def test_the_median_alone_takes_out_single_bright_pixels(square: ByteImage) -> None:
+    speckled = square.copy()
+    speckled[10:70:15, 8:90:20] = 255
+    away = np.s_[:15]
+    found = {
+        denoise: int(distance_target(speckled, WHOLE, TargetConfig(denoise=denoise)).edges[away].sum())  # type: ignore[arg-type]
+        for denoise in ("none", "median", "bilateral", "nonlocal-means")
+    }
+    assert found["median"] == 0
+    assert min(found["none"], found["bilateral"], found["nonlocal-means"]) > 4
+
+
 def test_a_black_frame_is_far_from_everything() -> None:
     target = distance_target(np.zeros((70, 90, 3), np.uint8), WHOLE, TargetConfig())
     found = target.distances(np.array([[10.0, 10.0]]), np.array([[1.0, 0.0]]))

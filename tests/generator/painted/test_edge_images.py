@@ -144,6 +144,19 @@ def test_both_sources_agree_where_edges_have_different_normals(part: Part, caste
         assert chamfer(true_points(b, np.eye(3)), true_points(a, np.eye(3))).a_to_b < 0.6
 
 
+@pytest.mark.parametrize("oversampling", [1, 2, 4, 8])
+def test_rendered_edges_lie_where_the_part_is(oversampling: int) -> None:
+    """A box seen from straight above is centred in its image; so are its edges, whatever the rendering's size.
+
+    But for half a pixel of the rendering: of the two pixels beside a step Canny always takes the left or the upper one.
+    """
+    part = box()
+    _, frame = frame_at(part, (0.0, 0.0, 1.0), 5.0)
+    points = canny_view(part, make_caster(part), frame, oversampling).strokes[:, 0]
+    middle = 0.5 * (points.min(0) + points.max(0)) - 0.5 * (frame.size - 1)
+    np.testing.assert_allclose(middle, -0.5 / oversampling, atol=1e-6)
+
+
 def test_an_unknown_source_is_refused(part: Part, caster: RayCaster) -> None:
     with pytest.raises(PreparationError, match="'photographs': choose analytic or normals"):
         make_edge_views(part, caster, REGION, replace(CONFIG, source="photographs"), 1, seed=0)  # type: ignore[arg-type]
