@@ -1,8 +1,8 @@
 """What e(I) looks like around a pose: its values over any two control coordinates, or any two pose parameters.
 
 Edges are generated once, at the pose in the middle, and moved as the paper's tracker moves them: by the homography of
-the control points (eqs 8 and 9) for the eight coordinates, as a rigid part for the six of a pose. The frame is asked
-once per slice for all distances; losses of other forms and other alpha are then a matter of milliseconds.
+the control points for the eight coordinates, as a rigid part for the six of a pose. The distances of a slice are looked
+up once; the loss of another form or another alpha then takes milliseconds.
 
 Convention: a slice runs over offsets from the middle, `reach` each way, in px, degrees or mm; grids are (v, u), row 0
 at the smallest v.
@@ -90,8 +90,8 @@ class Descent:
 class LossSurface:
     """e around one pose of one frame.
 
-    control_points: (4, 2) px, I of the pose in the middle; edges: generated there; alpha_px: 7% of the projected
-    diameter, the middle of what the paper says.
+    control_points: (4, 2) px, I of the pose in the middle; edges: generated there; alpha_px: where the loss turns from
+    near to far, in px of the frame.
     """
 
     def __init__(
@@ -101,11 +101,16 @@ class LossSurface:
         cam_T_obj: FloatArray,
         target: TargetConfig | None = None,
         edges: int = 400,
+        alpha: float = 0.07,
     ) -> None:
-        """cam_T_obj: (4, 4), the middle; edges: how many edge points are used at most.
+        """cam_T_obj: (4, 4), the middle; edges: how many edge points are used at most; alpha: the loss's alpha as a
+        share of the part's projected diameter, by default the middle of the range that the paper gives.
 
-        Raises GeometryError for an eye inside the part, TrackingError when no edge of it is in the image.
+        Raises GeometryError for an eye inside the part, TrackingError when fewer than 20 of its edge points are in the
+        image and for an alpha that is no such share.
         """
+        if not 0.0 < alpha <= 1.0:
+            raise TrackingError(f"landscape: alpha is {alpha:g}: give a share of the diameter above 0, such as 0.07")
         part, camera = model.part, frame.camera
         self._middle = np.array(cam_T_obj, np.float64)
         region = choose_region(eye_position(self._middle) - part.box_centre, 0.5 * part.box_size)
@@ -118,7 +123,7 @@ class LossSurface:
         if inside.sum() < 20:
             raise TrackingError(f"{part.name}: at this pose fewer than 20 edge points are in frame {frame.index}")
         depth = centre_position(self._middle, part.box_centre)[2]
-        self.alpha_px = 0.07 * part.diameter * camera.fx / float(depth)
+        self.alpha_px = alpha * part.diameter * camera.fx / float(depth)
         self.target = distance_target(frame.image, _box_around(self.edges.points), target or TargetConfig())
         self._motions: dict[Space, Motion] = {
             "control-points": HomographyMotion(self.edges, self.control_points),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import TrackingError
+from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import CONTROL_COORDINATES, POSE_COORDINATES, LossSurface, Space
 from acp_lab.tracking.measure import DistanceMeasure
@@ -76,6 +77,19 @@ def test_degenerate_points_leave_a_hole_in_the_map() -> None:
     across = surface().control_points[[1, 3]].mean(0) - surface().control_points[0]
     over = surface().slice("control-points", U, V, (abs(across[0]), abs(across[1])), 3)
     assert np.isnan(over.values("tukey", 6.0)).sum() == 1
+
+
+def test_alpha_is_a_share_of_the_projected_diameter() -> None:
+    frame, pose, model = sample_scene().frame(0), sample_scene().first_pose, sample_model()
+    assert isinstance(frame, Frame)
+    depth = float(transform(pose, model.part.box_centre)[2])
+    projected_px = model.part.diameter * frame.camera.fx / depth
+    assert surface().alpha_px == pytest.approx(0.07 * projected_px)
+    wide = LossSurface(model, frame, pose, edges=200, alpha=0.14)
+    assert wide.alpha_px == pytest.approx(0.14 * projected_px)
+    for alpha in (0.0, -0.1, 1.5, float("nan")):
+        with pytest.raises(TrackingError, match="a share of the diameter"):
+            LossSurface(model, frame, pose, alpha=alpha)
 
 
 def test_a_part_outside_the_frame_has_no_landscape() -> None:
