@@ -43,7 +43,7 @@ lint: $(DEV_STAMP) ## ruff
 types: $(DEV_STAMP) ## mypy
 	"$(BIN)/python" -m mypy
 
-format: $(DEV_STAMP) ## let ruff sort imports and mend what it can
+format: $(DEV_STAMP) ## sort imports and fix what ruff can fix
 	"$(BIN)/python" -m ruff check --fix .
 
 lab: $(DEV_STAMP) ## open JupyterLab on the notebooks

@@ -1,4 +1,5 @@
-"""The files of the one-click environments: well-formed, in step with pyproject.toml and the notebooks, and safe."""
+"""The files of the one-click environments and of continuous integration: well-formed, in step with pyproject.toml,
+the Makefile and the notebooks, and safe."""
 
 from __future__ import annotations
 
@@ -7,10 +8,13 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from tests.notebooks.notebook_files import lesson_paths
 
@@ -19,7 +23,8 @@ CONFIG = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
 PYTHON = CONFIG["project"]["requires-python"].removeprefix(">=")
 BINDER, CONTAINER_FOLDER = PROJECT / "binder", PROJECT / ".devcontainer"
 CONTAINER = json.loads((CONTAINER_FOLDER / "devcontainer.json").read_text(encoding="utf-8"))
-SCRIPTS = (BINDER / "postBuild", BINDER / "start", CONTAINER_FOLDER / "create", CONTAINER_FOLDER / "lab")
+CI = PROJECT / ".ci" / "run"
+SCRIPTS = (BINDER / "postBuild", BINDER / "start", CONTAINER_FOLDER / "create", CONTAINER_FOLDER / "lab", CI)
 
 # From the schema of the Dev Container specification, which refuses all others in a file with "image".
 KNOWN_KEYS = {
@@ -130,3 +135,62 @@ def test_in_a_codespace_only_its_own_address_may_ask(tmp_path: Path) -> None:
 def test_a_second_one_is_not_started(tmp_path: Path) -> None:
     running = "http://localhost:8888/?token=abc :: notebooks"
     assert lab_command(tmp_path, listed=running) == [running]
+
+
+# ---- continuous integration ------------------------------------------------------------------------------------
+
+
+def commands(job: dict[str, Any]) -> list[str]:
+    return [step["run"] for step in job["steps"] if "run" in step]
+
+
+def test_the_workflow_runs_everything_on_linux_and_the_quick_tests_elsewhere() -> None:
+    workflow = yaml.safe_load((PROJECT / ".github" / "workflows" / "test.yml").read_text(encoding="utf-8"))
+    everything, quick = workflow["jobs"]["everything"], workflow["jobs"]["quick"]
+    assert everything["runs-on"].startswith("ubuntu")
+    assert commands(everything) == [".ci/run"]
+    assert [system.partition("-")[0] for system in quick["strategy"]["matrix"]["os"]] == ["macos", "windows"]
+    # The same packages and the same tests as `make test-fast`.
+    makefile = (PROJECT / "Makefile").read_text(encoding="utf-8")
+    (extras,) = re.findall(r'-e "(\.\[dev.*?\])"', makefile)
+    (marker,) = re.findall(r'^test-fast:.*\n.*pytest -m "(.*)"', makefile, re.MULTILINE)
+    assert commands(quick) == [f'python -m pip install -e "{extras}"', f'python -m pytest -m "{marker}"']
+    for job in (everything, quick):
+        (setup,) = (step for step in job["steps"] if step.get("uses", "").startswith("actions/setup-python"))
+        assert setup["with"]["python-version"] == PYTHON
+
+
+def ci(tmp_path: Path, *tools: str) -> str:
+    """What .ci/run does where only these tools are there: the lines that stand-ins for make and apt-get write."""
+    bash = shutil.which("bash")
+    if bash is None or os.name == "nt":
+        pytest.skip("no bash")
+    told = tmp_path / "told"
+    for name in (*tools, "make", "id"):
+        line = f'echo "{name} $* ACP_REQUIRE_BROWSER=${{ACP_REQUIRE_BROWSER:-}}" >> {told}'
+        script = tmp_path / name
+        script.write_text(f"#!{bash}\n{'echo 0' if name == 'id' else line}\n")
+        script.chmod(0o755)
+    for name in ("dirname", "env"):
+        (tmp_path / name).symlink_to(str(shutil.which(name)))
+    environment = {"PATH": str(tmp_path), "PYTHON": sys.executable}
+    subprocess.run([bash, str(CI)], env=environment, check=True, capture_output=True, timeout=60)
+    return told.read_text()
+
+
+def test_ci_installs_a_browser_and_runs_all_tests(tmp_path: Path) -> None:
+    told = ci(tmp_path, "apt-get").splitlines()
+    assert [line.split()[:2] for line in told] == [["apt-get", "update"], ["apt-get", "install"], ["make", "test"]]
+    assert "chromium" in told[1]
+
+
+@pytest.mark.parametrize("browser", ["chromium", "google-chrome"])
+def test_with_a_browser_its_tests_must_run(tmp_path: Path, browser: str) -> None:
+    (told,) = ci(tmp_path, browser).splitlines()
+    assert told.startswith("make test")
+    assert told.endswith("ACP_REQUIRE_BROWSER=1")
+
+
+def test_without_a_browser_they_may_skip(tmp_path: Path) -> None:
+    (told,) = ci(tmp_path).splitlines()
+    assert told.endswith("ACP_REQUIRE_BROWSER=")
