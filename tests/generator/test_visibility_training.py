@@ -12,7 +12,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS, sample_directions
-from acp_lab.generator.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.generator.visibility_training import TrainingConfig, TrainingReport, train_region
@@ -139,7 +139,7 @@ def test_all_views_asked_for_are_made(
         counts.append(args[2])
         raise Enough
 
-    monkeypatch.setattr("acp_lab.generator.training.sample_directions", counted)
+    monkeypatch.setattr("acp_lab.generator.visibility_training.sample_directions", counted)
     with pytest.raises(Enough):
         train_region(part, edges, caster, REGION, TrainingConfig(), seed=0)
     assert counts == [TrainingConfig().views + TrainingConfig().held_out]
