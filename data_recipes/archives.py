@@ -2,8 +2,7 @@
 
 A source is a folder, or an archive (zip, tar) that is unpacked into a working folder first. An archive that is cut
 short or damaged is refused, and so is one with an entry that points outside the folder it is unpacked into.
-How deep the files lie does not matter: data sets differ in their outer folders from mirror to mirror, so files
-are looked for by name.
+Files are searched for by name at any depth, because the outer folders of data sets differ from mirror to mirror.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ def open_sources(paths: Iterable[Path], work: Path) -> Source:
     """Folders as they are, archives unpacked into `work`.
 
     Raises InputFileError for a path that is missing, an archive that is damaged, cut short, too large for the disk
-    or has entries that point outside, and a file that is no archive.
+    or has entries that point outside, and a file that is not an archive.
     """
     folders = []
     for number, path in enumerate(paths):
@@ -87,7 +86,7 @@ def unpack(archive: Path, folder: Path) -> None:
             _unpack_zip(archive, folder)
         else:
             _unpack_tar(archive, folder)
-    # What their parsers meet in damaged files.
+    # What their parsers raise for damaged files.
     except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError, NotImplementedError) as error:
         raise InputFileError(f"{archive}: damaged or cut short ({error}): {_AGAIN}") from None
     except OSError as error:
@@ -111,7 +110,7 @@ def _unpack_zip(archive: Path, folder: Path) -> None:
                 raise InputFileError(f"{archive}: entry {entry.filename} is a link: {_AGAIN} from its authors")
             if entry.flag_bits & 1:
                 raise InputFileError(f"{archive}: is encrypted: unpack it yourself, and give the folder")
-        file.extractall(folder)  # compares each file's check sum on the way
+        file.extractall(folder)  # checks each file's checksum on the way
 
 
 def _unpack_tar(archive: Path, folder: Path) -> None:
@@ -123,7 +122,7 @@ def _unpack_tar(archive: Path, folder: Path) -> None:
             if not (entry.isfile() or entry.isdir()):
                 raise InputFileError(f"{archive}: entry {entry.name} is no plain file: {_AGAIN} from its authors")
         file.extractall(folder, filter="data")
-        # To the very end: the check sum of a compressed file stands behind the last entry.
+        # To the very end: the checksum of a compressed file follows the last entry.
         while file.fileobj is not None and file.fileobj.read(1 << 20):
             pass
 

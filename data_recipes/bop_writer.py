@@ -1,7 +1,7 @@
 """Writing a data set in the BOP layout, all or nothing.
 
 Everything goes into a temporary folder beside the target, which takes the target's name when the last file is
-written; a recipe that is interrupted leaves no half data set. Convention: BOP's `cam_R_m2c` (row by row) and
+written; an interrupted recipe leaves no partial data set. Convention: BOP's `cam_R_m2c` (row by row) and
 `cam_t_m2c` (mm) take model to camera coordinates, OpenCV axes, pixel (0, 0) = centre of the top-left pixel.
 Source: BOP toolkit, docs/bop_datasets_format.md.
 """
@@ -40,8 +40,8 @@ class Model:
 def new_dataset(out: Path, force: bool) -> Iterator[Path]:
     """A temporary folder that becomes `out` at the end, and vanishes when anything fails.
 
-    Raises InputFileError when `out` exists and `force` is not given. With `force` the old one goes only once the
-    new one is whole.
+    Raises InputFileError when `out` exists and `force` is not given. With `force` the old one is replaced only when
+    the new one is complete.
     """
     if out.exists() and not force:
         raise InputFileError(f"{out} exists; give another --out, or --force to replace it")
@@ -107,7 +107,7 @@ def write_scene(
 
 
 def visibility(alone: np.ndarray, seen: np.ndarray) -> dict[str, object]:
-    """BOP's gt_info entry from two masks (h, w): the part without anything before it, and the part as seen."""
+    """BOP's gt_info entry from two masks (h, w): the part without occluders, and the part as seen."""
     all_, visible = int(alone.sum()), int(seen.sum())
     return {
         "px_count_all": all_,

@@ -1,4 +1,4 @@
-"""What the recipes' commands share: one error line, notes on stderr, types of options.
+"""What the recipes' command lines share: the error line, notes on stderr, types of options.
 
 Convention as in `acp-lab`: exit status 0 done, 2 bad input or bad usage with exactly one line `error: …` on stderr,
 130 after Ctrl-C. A recipe is a function of its parsed options; `run` does the rest.
@@ -56,7 +56,7 @@ def run(recipe: Callable[[argparse.Namespace], None], parser: Parser, argv: Sequ
 
 @contextmanager
 def _stop_is_an_exception() -> Iterator[None]:
-    """Let SIGTERM unwind the stack as Ctrl-C does, so that temporary folders go."""
+    """Let SIGTERM unwind the stack as Ctrl-C does, so that temporary folders are removed."""
     if threading.current_thread() is not threading.main_thread():  # elsewhere Python allows no handlers
         yield
         return
@@ -72,12 +72,12 @@ def _stop_is_an_exception() -> Iterator[None]:
 
 
 def note(message: str) -> None:
-    """Say something worth knowing, on stderr."""
+    """Print information on stderr."""
     print(f"note: {one_line(message)}", file=sys.stderr, flush=True)
 
 
 def warn(message: str) -> None:
-    """Say something that may spoil the result, on stderr."""
+    """Print on stderr what may spoil the result."""
     print(f"warning: {one_line(message)}", file=sys.stderr, flush=True)
 
 

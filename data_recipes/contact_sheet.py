@@ -1,10 +1,10 @@
-"""A data set at a glance: a row per scene, with the CAD model's edges over it where the truth says they are.
+"""A data set at a glance: a row of frames per scene, with the CAD model's edges drawn at the true poses.
 
     python -m data_recipes.contact_sheet DATASET --out sheet.png [--edges] [--columns 3] [--width 240]
 
-Works on any data set in the BOP layout, made by a recipe or not. With --edges every picture is followed by itself with
-the edges that the part should show at its true pose: they lie on the picture's edges, or something is wrong with
-poses, intrinsics, units or the mesh.
+Works on any data set in the BOP layout, made by a recipe or not. With --edges every picture is repeated with
+the edges that the part should show at its true pose. Where they miss the picture's edges, poses, intrinsics, units or
+the mesh are wrong.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def build_parser() -> Parser:
     parser = Parser(prog="python -m data_recipes.contact_sheet", description=__doc__.split("\n\n")[0])  # type: ignore[union-attr]
     parser.add_argument("dataset", type=Path, metavar="DATASET", help="a data set in the BOP layout")
     parser.add_argument("--out", type=Path, required=True, metavar="PNG", help="picture to write, .png or .jpg")
-    parser.add_argument("--edges", action="store_true", help="also with the CAD model's edges at the true pose")
+    parser.add_argument("--edges", action="store_true", help="also with the CAD model's edges drawn at the true pose")
     parser.add_argument("--columns", type=count, default=3, help="frames per scene (3)")
     parser.add_argument("--width", type=count, default=240, help="px per picture (240)")
     parser.add_argument("--scenes", type=ids, help="only these scene ids")

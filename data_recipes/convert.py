@@ -1,8 +1,8 @@
-"""From tracks to a data set: the part of the converters that is the same for all of them.
+"""From tracks to a data set: what all converters share.
 
-A converter finds models and tracks in what its user downloaded; here they are ordered, checked and written. Images
-are not decoded and written anew but linked (or copied where the disk cannot link), so they stay what their authors
-made. Each output scene is one part in one run of images, `scene_meta.json` says where it came from.
+A converter finds models and tracks in a download; here they are ordered, checked and written. Images are not encoded
+anew but linked (or copied where the disk cannot link), so they stay identical to the originals. Each output scene is
+one part in one run of images; `scene_meta.json` says where it came from.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Found:
 
 
 def add_arguments(parser: Parser, page: str) -> None:
-    """The options that all converters have. page: where the data set is to be had."""
+    """The options that all converters have. page: where the data set can be downloaded."""
     parser.epilog = f"Nothing is downloaded: get the data set from {page}"
     parser.add_argument("sources", type=Path, nargs="+", metavar="SOURCE", help="folder or archive of the download")
     parser.add_argument("--out", type=Path, help="data set folder to write; without it, only check")

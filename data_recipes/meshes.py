@@ -1,8 +1,8 @@
-"""CAD files of other people in millimetres, with their unit made plain.
+"""CAD files of unknown unit, converted to millimetres.
 
-No mesh format but STEP tells its unit. A part that a camera can track measures between 15 mm and 5 m, which leaves
-little doubt: a file whose largest distance is 0.12 is in metres, one of 4.7 in inches, one of 95 in mm. The guess is
-said aloud and can be overruled.
+STEP is the only format that states its unit. A part that a camera can track measures between 15 mm and 5 m, which
+leaves little doubt about the rest: a file whose largest distance is 0.12 is in metres, one of 4.7 in inches, one of 95
+in mm. The guess is printed and can be overridden.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def load_mesh(path: Path, unit: str | None = None) -> UnitMesh:
     if len(raw.faces) == 0:
         raise PartError(f"{path}: has no faces: export the part as a triangle mesh, not as points or curves")
     if unit is None and path.suffix.lower() in (".step", ".stp"):
-        unit = "mm"  # the format tells its unit, and the reader has obeyed it
+        unit = "mm"  # the format states its unit, and the reader converts it
     if unit is None:
         if not np.isfinite(raw.vertices).all():
             raise PartError(f"{path}: a vertex is no point: export the mesh again")

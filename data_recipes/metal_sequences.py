@@ -3,7 +3,7 @@
     python -m data_recipes.metal_sequences --out DIR [--parts ...] [--kinds ...] [--frames N] [--seed N] ...
     python -m data_recipes.metal_sequences --sample            re-creates the sample that ships with acp_lab
 
-Sequence k shows part k, kind k and edge break k of the lists given, each list starting over at its end. The same
+Sequence k shows part k, kind k and edge break k of the lists given, each list repeated from its start. The same
 options give the same truth to the byte, and on one machine the same pictures.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 
-# One thread: the matrices here are tall and thin, and threads would only spin. Before NumPy is imported.
+# One thread: the matrices here are tall and thin, and threads would only wait for each other. Before NumPy is imported.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
@@ -90,13 +90,13 @@ def build_parser() -> Parser:
     parser.add_argument("--frames", type=count, default=40, help="frames per sequence (40)")
     parser.add_argument("--size", type=_size, default=(640, 512), help=" or ".join(SIZES) + " (the first)")
     parser.add_argument("--edge-break", type=_breaks, default=[0.0], help="mm, one or a list; 0 (default) = sharp")
-    parser.add_argument("--seed", type=whole, default=0, help="same seed, same truth (0)")
+    parser.add_argument("--seed", type=whole, default=0, help="the same seed gives the same truth (0)")
     parser.add_argument("--rot-deg-per-frame", type=positive, help="mean; default: by kind, 1.5 to 3.8")
     parser.add_argument("--trans-mm-per-frame", type=positive, help="mean; default: by kind, 1.5 to 4.5")
-    parser.add_argument("--clutter", type=whole, help="things that lie about (default: 9 to 13)")
+    parser.add_argument("--clutter", type=whole, help="number of other objects on the bench (default: 9 to 13)")
     parser.add_argument("--image-format", choices=("jpg", "png"), default="jpg", help="jpg (default) or png")
     parser.add_argument("--contact-sheet", type=Path, metavar="PNG", help="also write a picture of what was made")
-    parser.add_argument("--path-traced", action="store_true", help="render with Mitsuba: truer pictures, far slower")
+    parser.add_argument("--path-traced", action="store_true", help="render with Mitsuba: more realistic, far slower")
     parser.add_argument("--spp", type=count, default=SPP, help=f"with --path-traced: samples per pixel ({SPP})")
     parser.add_argument("--force", action="store_true", help="replace an existing data set")
     return parser
@@ -104,7 +104,7 @@ def build_parser() -> Parser:
 
 def make(args: argparse.Namespace) -> None:
     """Render what the options describe."""
-    # Only here, for they need the `recipes` extra; the options are told without it.
+    # Imported late: they need the `recipes` extra, the options do not.
     from data_recipes.contact_sheet import contact_sheet, save_picture
     from data_recipes.metal.dataset import render_dataset
 

@@ -1,4 +1,4 @@
-"""Your own part and your own camera: everything that `acp-lab track` needs, made from what is at hand.
+"""Your own part and your own camera: everything that `acp-lab track` needs.
 
     python -m data_recipes.own_video clip.mp4 --mesh bracket.stl --views boards/ --chessboard 9x6 --square-mm 25 \\
         --pose POSE.json --out DATASET
@@ -8,9 +8,9 @@ FRAMES is a video, a folder of images or the number of a live camera. The camera
 a ChArUco board (a folder or a video), from a CAMERA.json, or from numbers. DATASET then holds
 
     CAMERA.json                        intrinsics and distortion of FRAMES; the reprojection error is printed
-    models/obj_000001.ply              the mesh in mm; which unit it was in is found by its size, and printed
-    test/000001/rgb/000000.png …       the frames, free of distortion, with scene_camera.json
-    POSE.json, scene_gt.json           the start pose; it stands for the truth of the first frame, and of no other
+    models/obj_000001.ply              the mesh in mm; its unit is guessed from its size, and printed
+    test/000001/rgb/000000.png …       the frames, undistorted, with scene_camera.json
+    POSE.json, scene_gt.json           the start pose; it is stored as the truth of the first frame alone
 
 so that both `acp-lab track DATASET` and `acp-lab track --video FRAMES --camera DATASET/CAMERA.json …` run.
 """
@@ -189,7 +189,7 @@ def build_parser() -> Parser:
     parser = Parser(prog="python -m data_recipes.own_video", description=__doc__.split("\n\n")[0])  # type: ignore[union-attr]
     parser.add_argument("frames", metavar="FRAMES", help="video, folder of images, or number of a live camera")
     parser.add_argument("--mesh", type=Path, required=True, help="CAD model: PLY, OBJ, STL or STEP")
-    parser.add_argument("--unit", choices=tuple(UNITS_MM), help="unit of the mesh (told by its size)")
+    parser.add_argument("--unit", choices=tuple(UNITS_MM), help="unit of the mesh (default: guessed from its size)")
     parser.add_argument("--pose", type=Path, metavar="POSE.json", help="pose in the first frame")
     parser.add_argument("--out", type=Path, required=True, help="data set folder to write")
     parser.add_argument("--force", action="store_true", help="replace an existing data set")
@@ -197,7 +197,7 @@ def build_parser() -> Parser:
     parser.add_argument("--max-frames", type=count, metavar="N", help="stop after N; a live camera needs it")
     parser.add_argument("--image-format", choices=("png", "jpg"), default="png", help="of the frames written (png)")
     parser.add_argument("--bits", type=count, help="real range of 16-bit images, such as 12")
-    parser.add_argument("--bayer", choices=tuple(BAYER_CODES), help="images are raw, behind this colour filter")
+    parser.add_argument("--bayer", choices=tuple(BAYER_CODES), help="the images are raw; their Bayer pattern")
     camera = parser.add_mutually_exclusive_group(required=True)
     camera.add_argument("--camera", type=Path, metavar="CAMERA.json", help="the camera, when it is known")
     camera.add_argument(

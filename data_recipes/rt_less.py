@@ -4,14 +4,14 @@
 
 What is looked for, at any depth of the sources:
 
-    ply/obj1.ply …            CAD models, in metres or mm (told by their size)
+    ply/obj1.ply …            CAD models, in metres or mm (guessed from their size)
     scene1/gt.yml             per image number a list of poses: cam_R_m2c, cam_t_m2c (or m2c_R, m2c_T), obj_id
     scene1/Intrinsic.yml      Intrinsic: the camera matrix, 3 x 3
     scene1/rgb/1.png …        images, named by their numbers
 
-Poses are in metres or mm, told by the distances. Each part of each scene becomes a sequence of its own, its images
-ordered by nearest pose. Parts 1, 2, 5, 14, 17, 18, 24, 26, 29 and 33 are symmetric: which turns leave them as they are
-is found from the mesh and written to models_info.json, so that they are scored with ADD-S.
+Poses are in metres or mm, guessed from the distances. Each part of each scene becomes a sequence of its own, its images
+ordered by nearest pose. Parts 1, 2, 5, 14, 17, 18, 24, 26, 29 and 33 are symmetric: their symmetries
+are found from the mesh and written to models_info.json, so that they are scored with ADD-S.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ def _model(object_id: int, meshes: dict[int, Path]) -> Model:
         return model_of(mesh, **symmetry.as_info())
     # The authors call some parts partially symmetric: nearly the same after half a turn.
     note(
-        f"object {object_id} is symmetric but for {100 * symmetry.best_error:.1f}% of its diameter: "
-        "the half turn that fits best is taken"
+        f"object {object_id} is symmetric to within {100 * symmetry.best_error:.1f}% of its diameter: "
+        "the best half turn is used"
     )
     turn = [float(v) for v in symmetry.best_half_turn.ravel()]
     return model_of(mesh, symmetries_discrete=[turn])
@@ -152,7 +152,7 @@ def _poses(path: Path, objects: Sequence[int] | None) -> dict[int, dict[int, np.
             rotation = _numbers(_either(entry, _ROTATION_KEYS, where), 9, f"{where}: rotation").reshape(3, 3)
             translation = _numbers(_either(entry, _TRANSLATION_KEYS, where), 3, f"{where}: translation")
             if image_id in poses.setdefault(object_id, {}):
-                raise InputFileError(f"{where}: stands there twice: which of them is meant cannot be told")
+                raise InputFileError(f"{where}: is there twice, nothing says which is meant: leave it out by --objects")
             try:
                 poses[object_id][image_id] = make_pose(check_rotation(rotation, where), translation)
             except GeometryError as error:

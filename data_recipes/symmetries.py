@@ -1,4 +1,4 @@
-"""Finding the turns after which a part looks the same.
+"""Finding the rotations that map a part to itself.
 
 Some data sets say *that* a part is symmetric but not how, while `models_info.json` lists the transforms. CAD parts
 have their axes along those of their box, so the 23 turns of a cube about the box centre are tried, and turns by

@@ -1,4 +1,4 @@
-"""T-LESS, and any other data set in the BOP layout: checked, cut down to some objects, ordered into sequences.
+"""T-LESS, and any other data set in the BOP layout: checked, reduced to some objects, ordered into sequences.
 
     python -m data_recipes.t_less tless_base.zip tless_models.zip tless_test_primesense_all.zip --group 1 --out DATASET
 
@@ -127,11 +127,11 @@ def _tracks(folder: Path, scene_id: int, objects: Sequence[int] | None, min_visi
     tracks = []
     absent = {one.image_id for all_of in seen.values() for one in all_of} - set(images)
     if absent:
-        note(f"{first.parent}: {len(absent)} of the images that scene_gt.json tells of are not there")
+        note(f"{first.parent}: {len(absent)} of the images listed in scene_gt.json are missing")
     for object_id, all_of in sorted(seen.items()):
         instances = told_apart(all_of)
         if not instances:
-            note(f"scene {scene_id}: object {object_id} is there more than once, and no world tells which is which")
+            note(f"scene {scene_id}: object {object_id} is there more than once; world poses would tell which is which")
         for number, instance in enumerate(instances, start=1):
             views = []
             for one in instance:

@@ -1,8 +1,8 @@
 """Sequences to track, made of single images with known poses.
 
 A track is one part through the images of one scene. Data sets for pose *estimation* show their parts from all
-round in any order, so the images are ordered here: each is followed by the one, among those left, in which the part
-looks nearest to where it was; where even that one is too far, the track is cut. "Near" is measured in the picture:
+sides in no order, so the images are ordered here: each is followed by the remaining one in which the part is nearest
+to where it was; where even that one is too far, the track is cut. "Near" is measured in the picture:
 the mean distance of the eight corners of the part's box, px, which counts turns, shifts and changes of distance alike.
 "Too far" is that many px, or a turn by that many degrees: a small part turns over within a few pixels.
 """

@@ -1,6 +1,7 @@
-"""What can be wrong with a frame: each cause from one measured quantity, in plain language, with what helps.
+"""The causes of bad tracking: one function per cause, each with one measured quantity and one limit.
 
-One function per cause. It takes the quantity, and gives a `Finding` when the quantity passes its limit, else None.
+A function takes the quantity and returns a `Finding`, with a sentence and advice, when the quantity passes its limit;
+else None.
 """
 
 from __future__ import annotations
@@ -30,22 +31,22 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True)
 class DiagnosisConfig:
-    """Limits beyond which a cause is named; set on sequences with and without the trouble in question.
+    """Limits beyond which a cause is named. They were set on sequences with and without the problem.
 
     Attributes:
         good_quality: share of the usual quality from which a frame counts as good.
-        found_share: with image edges at a smaller share of the edge points, few are found.
-        contrast: median gradient across the edges, grey levels per px, below which it is weak.
-        hidden_share: of the edge points that are gone in one piece.
-        rivals: strong image edges per edge point that belong to none of the part's.
-        likeness: how many times more the quality fell than the share of edges found.
-        recovery_px: what the tracker's further tries reach beyond the first level's search.
-        quad_opening: least height of the control-point quad in shares of its size.
+        found_share: of the edge points; when fewer have an image edge, few edges are found.
+        contrast: median gradient across the edges, grey levels per px, below which the edges count as faint.
+        hidden_share: of the edge points; from here on a connected set of missing points counts as occluded.
+        rivals: strong image edges per edge point that belong to no edge of the part.
+        likeness: by what factor the quality fell more than the share of edges found.
+        recovery_px: how much further the tracker's recovery searches than the first level.
+        quad_opening: least height of the control-point quad as a share of its size.
         outside_share: of the visible edge points.
         depth_change: of the first poses, as a logarithm, relative to the start pose.
-        principal_point: from the middle of the image, in shares of its width.
+        principal_point: distance from the middle of the image, as a share of its width.
         focal_ratio: of fx to fy, away from 1.
-        apparent_px: parts that appear smaller have too few pixels.
+        apparent_px: size of the part in the image, below which it has too few pixels.
     """
 
     good_quality: float = 0.75
@@ -65,13 +66,13 @@ class DiagnosisConfig:
 
 @dataclass(frozen=True)
 class Finding:
-    """A cause with its proof.
+    """A cause with its measurement.
 
     Attributes:
-        cause: what is wrong; text: said in a sentence, with the measured quantity.
-        advice: the setting, or the thing to do, that helps.
-        measured, limit: the quantity and where it becomes a cause.
-        severity: how many times beyond the limit, 1 or more.
+        cause: what is wrong; text: a sentence with the measured quantity.
+        advice: the setting or the action that helps.
+        measured, limit: the quantity, and from where on it counts as a cause.
+        severity: the factor by which the limit is passed, 1 or more.
     """
 
     cause: Cause
@@ -88,51 +89,51 @@ def unreadable(reason: str) -> Finding:
 
 
 def few_edges(found_share: float, contrast: float, config: DiagnosisConfig) -> Finding | None:
-    """Too few of the visible edges show, or they are faint; contrast in grey levels per px."""
+    """Too few of the visible edges are found, or they are faint; contrast in grey levels per px."""
     advice = (
         "more light, a shorter exposure or a sharper lens; SearchConfig.contrast lower, so that faint edges count, and "
         "StateConfig.weak_below lower"
     )
     text = (
-        f"{100.0 * found_share:.0f}% of the visible edges show in the image, and the median contrast across them is "
-        f"{contrast:.1f} grey levels per px."
+        f"{100.0 * found_share:.0f}% of the visible edges are found in the image, and the median contrast across them "
+        f"is {contrast:.1f} grey levels per px."
     )
     few = _below(Cause.FEW_EDGES, f"only {text}", advice, found_share, config.found_share)
     return few or _below(Cause.FEW_EDGES, text, advice, contrast, config.contrast)
 
 
 def occlusion(hidden_share: float, config: DiagnosisConfig) -> Finding | None:
-    """Something stands before the part."""
+    """Something hides the part."""
     return _above(
         Cause.OCCLUSION,
-        f"{100.0 * hidden_share:.0f}% of the visible edges, all in one piece, are gone or have other colours on both "
-        "sides than before.",
-        "free the part; StateConfig.patience bridges a short hiding, TrackerConfig.learn_above (higher) keeps the "
-        "occluder from being learnt",
+        f"{100.0 * hidden_share:.0f}% of the visible edges, in one connected region, are missing or changed colour "
+        "on both sides.",
+        "keep the view of the part free; StateConfig.patience bridges short occlusions, a higher "
+        "TrackerConfig.learn_above keeps the tracker from learning the occluder",
         hidden_share,
         config.hidden_share,
     )
 
 
 def clutter(rivals_per_point: float, reach_px: int, config: DiagnosisConfig) -> Finding | None:
-    """Other edges run along the part's own."""
+    """Other image edges run parallel to the part's own."""
     return _above(
         Cause.CLUTTER,
-        f"beside each edge point there are {rivals_per_point:.1f} other strong image edges of its direction within "
-        f"{reach_px} px.",
+        f"on average {rivals_per_point:.1f} other strong image edges of the same direction lie within {reach_px} px of "
+        "an edge point.",
         "a plainer background; SolverConfig.levels with a shorter reach_px, or MemoryConfig.grey_floor and "
-        "gradient_floor lower, so that what an edge looked like counts more",
+        "gradient_floor lower, so that the remembered look of an edge counts more",
         rivals_per_point,
         config.rivals,
     )
 
 
 def appearance(found_share: float, found_before: float, quality_kept: float, config: DiagnosisConfig) -> Finding | None:
-    """The edges are there, so that what fell is their likeness to what the tracker remembers."""
+    """The edges are found, but no longer look as the tracker remembers them."""
     return _above(
         Cause.APPEARANCE,
-        f"{100.0 * found_share:.0f}% of the edges are there ({100.0 * found_before:.0f}% before), but they look "
-        f"different: their share of the quality fell to {100.0 * quality_kept:.0f}%.",
+        f"{100.0 * found_share:.0f}% of the edges are found ({100.0 * found_before:.0f}% before), but they look "
+        f"different: the quality of those edges fell to {100.0 * quality_kept:.0f}%.",
         "steadier light; MemoryConfig.rate higher, so that the memory follows reflections, or gradient_floor and "
         "grey_floor higher, so that it counts less",
         found_share / max(found_before, 1e-6) / max(quality_kept, 1e-6),
@@ -140,27 +141,27 @@ def appearance(found_share: float, found_before: float, quality_kept: float, con
     )
 
 
-def fast_motion(surprise_px: float, reach_px: int, config: DiagnosisConfig) -> Finding | None:
-    """The part was not where it was sought."""
+def fast_motion(innovation_px: float, reach_px: int, config: DiagnosisConfig) -> Finding | None:
+    """The part moved out of the search range; the innovation is its distance from the prediction."""
     return _above(
         Cause.FAST_MOTION,
-        f"the part was {surprise_px:.0f} px away from where it was expected; image edges are sought within "
+        f"the part was {innovation_px:.0f} px from its predicted position; image edges are searched for within "
         f"{reach_px} px.",
-        f"more frames per second; SolverConfig.levels[0].reach_px of at least {math.ceil(surprise_px)}, and "
-        "TrackerConfig.shift_px as far",
-        surprise_px,
+        f"more frames per second; SolverConfig.levels[0].reach_px of at least {math.ceil(innovation_px)}, and "
+        "TrackerConfig.shift_px as large",
+        innovation_px,
         reach_px + config.recovery_px,
     )
 
 
 def region_border(closeness: float, changes: int) -> Finding | None:
-    """The view hovers between two view regions; closeness in [0, 1] is 1 on the border itself."""
+    """The view lies between two view regions; closeness in [0, 1] is 1 on the border itself."""
     if changes == 0:
         return None
     return _above(
         Cause.REGION_BORDER,
-        f"the view lies on the border of two view regions (the second leans in {100.0 * closeness:.0f}% as far as the "
-        f"first), and the region changed {changes} time{'s'[: changes != 1]} since the trouble began.",
+        f"the view lies on the border of two view regions (the second scores {100.0 * closeness:.0f}% of the "
+        f"first), and the region changed {changes} time{'s'[: changes != 1]} since the problem began.",
         f"view_regions.HYSTERESIS (now {HYSTERESIS:g}) higher; prepare both regions: acp-lab prepare --regions all",
         closeness,
         1.0 / HYSTERESIS**2,
@@ -168,23 +169,23 @@ def region_border(closeness: float, changes: int) -> Finding | None:
 
 
 def degenerate_points(opening: float, region: str, config: DiagnosisConfig) -> Finding | None:
-    """The control points are nearly in line; opening is the quad's least height in shares of its size."""
+    """The control points are nearly collinear; opening is the quad's least height as a share of its size."""
     return _below(
         Cause.DEGENERATE_POINTS,
-        f"the control points are nearly in line: their quad is {100.0 * opening:.0f}% as high as it is wide.",
+        f"the control points are nearly collinear: their quad is {100.0 * opening:.0f}% as high as it is wide.",
         f"another view of the part, or other control points: those of view region {region} are seen too obliquely "
-        "(view_regions.HYSTERESIS lower changes the region sooner)",
+        "(a lower view_regions.HYSTERESIS changes the region sooner)",
         opening,
         config.quad_opening,
     )
 
 
 def outside_image(share: float, config: DiagnosisConfig) -> Finding | None:
-    """The part leaves the image."""
+    """Part of the part is outside the image."""
     return _above(
         Cause.OUTSIDE_IMAGE,
         f"{100.0 * share:.0f}% of the part's visible edges lie outside the image.",
-        "keep the part in view, or use a wider lens; no setting brings back what the image does not show",
+        "keep the part in view, or use a wider lens; no setting replaces what the image does not show",
         share,
         config.outside_share,
     )
@@ -193,10 +194,10 @@ def outside_image(share: float, config: DiagnosisConfig) -> Finding | None:
 def unit_or_camera(
     camera: Camera, start_depth_mm: float, first_depth_mm: float, apparent_px: float, config: DiagnosisConfig
 ) -> Finding | None:
-    """What was given contradicts the image, or is unlike any camera; the worst of four signs.
+    """Unit or intrinsics contradict the image, or fit no real camera; the worst of four signs.
 
     Args:
-        start_depth_mm, first_depth_mm: of the part's centre, in the start pose and as tracked at first.
+        start_depth_mm, first_depth_mm: of the part's centre, in the start pose and in the first tracked frames.
         apparent_px: how large the part is at the start pose.
     """
     advice = (
@@ -208,8 +209,8 @@ def unit_or_camera(
     signs = (
         _above(
             Cause.UNIT_OR_CAMERA,
-            f"the image wants the part at {first_depth_mm:.0f} mm, the start pose has it at {start_depth_mm:.0f} mm: "
-            f"focal length or part seem off by a factor of {ratio:.2f}.",
+            f"the image fits the part at {first_depth_mm:.0f} mm, the start pose puts it at {start_depth_mm:.0f} mm: "
+            f"focal length or part size seem wrong by a factor of {ratio:.2f}.",
             advice,
             abs(math.log(ratio)),
             config.depth_change,
@@ -223,7 +224,7 @@ def unit_or_camera(
         ),
         _above(
             Cause.UNIT_OR_CAMERA,
-            f"the principal point ({camera.cx:.0f}, {camera.cy:.0f}) is far from the middle of the image, which has "
+            f"the principal point ({camera.cx:.0f}, {camera.cy:.0f}) is far from the middle of the image of "
             f"{camera.width} x {camera.height} px.",
             advice,
             off,

@@ -1,9 +1,9 @@
-"""Why did the tracker do badly in a frame? Causes in plain language, each from something that was measured.
+"""Why did the tracker do badly in a frame? Causes in plain language, each from a measurement.
 
 `diagnose(run, frame)` looks at the run around the frame and at its images. Every cause has a measured quantity and
-a limit (`causes`); those beyond it are named, the furthest beyond first, with the setting that helps. Where truth
-is known the image is measured at the true pose, for there it must show the part's edges whatever the tracker
-believed. Several causes may be true at once, and none may be.
+a limit (`causes`). Causes beyond their limit are named, the worst first, with the setting that helps. Where the truth
+is known, the image is measured at the true pose: there it must show the part's edges, wherever the tracker believed
+the part to be. Several causes may apply at once, or none.
 """
 
 from __future__ import annotations
@@ -32,15 +32,16 @@ from acp_lab.tracking.prediction import ConstantVelocity
 from acp_lab.tracking.session import TrackRun
 
 LOOK_BACK = 6
-"""Frames before the trouble among which one is taken to compare with."""
+"""The frame to compare with is one of so many before the problem."""
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found out about one object in one frame. Prints as plain language.
+    """The diagnosis of one object in one frame. Prints as text.
 
     Attributes:
         run_name, object_id: which run and object; frame: counted from 0; frame_id: the image id.
-        state, quality: of the result; usual_quality: upper quartile over the good frames until then.
+        state, quality: of the result; usual_quality: upper quartile over the frames tracked until then.
         onset: the first frame of the bad stretch that `frame` belongs to; `frame` itself when it is good.
         findings: the worst first.
         metric: "ADD", or "ADD-S" for a part with symmetries.
@@ -50,7 +51,7 @@ class Diagnosis:
         image: (h, w, 3) of that frame, None where it cannot be had.
         evidence: what it shows at `measured_at`, "the true pose" or "the tracked pose"; found_limit: share of found
             edges below which they are few.
-        hidden: (n,) bool, which of the evidence's edge points are missing in one piece.
+        hidden: (n,) bool, which of the evidence's edge points are missing in one connected region.
     """
 
     run_name: str
@@ -74,7 +75,7 @@ class Diagnosis:
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing is the matter with the frame itself."""
+        """Whether the frame itself was tracked well and no cause is named."""
         return self.state is TrackState.TRACKING and self.onset == self.frame and not self.findings
 
     @property
@@ -84,19 +85,19 @@ class Diagnosis:
 
     @property
     def summary(self) -> str:
-        """How the frame stands, in one line."""
+        """The state of the frame, in one line."""
         text = f"Frame {self.frame} (image {self.frame_id}), object {self.object_id}: {self.state}, "
         text += f"quality {self.quality:.2f}, {self.usual_quality:.2f} in the good frames before it"
         if math.isfinite(self.add_percent):
             text += f", {self.metric} {self.add_percent:.1f}% of the diameter"
         text += "."
         if self.onset < self.frame:
-            text += f" The trouble began in frame {self.onset}."
+            text += f" The problem began in frame {self.onset}."
         return text
 
     @property
     def conclusion(self) -> str:
-        """What to say where no cause is named: not that all is well, which nothing here can tell."""
+        """What is said when no cause is named. Never that all is well: nothing measured here can show that."""
         if not self.is_good:
             return "No known cause stands out."
         words = ["Nothing stands out."]
@@ -107,7 +108,7 @@ class Diagnosis:
         if self.evidence is not None:
             share, limit = 100.0 * self.evidence.found_share, 100.0 * self.found_limit
             words.append(f"{share:.0f}% of the edges in view are found in the image (few: below {limit:.0f}%).")
-        words.append("Neither shows a pose that drifts slowly, or was off from the start.")
+        words.append("Neither would reveal a pose that drifts slowly or was wrong from the start.")
         return " ".join(words)
 
     def __str__(self) -> str:
@@ -129,7 +130,7 @@ def diagnose(
     Args:
         frame: counted from 0, as viewers count; negative ones from the end.
         object_id: by default the run's first object.
-        sequence: where the images are, by default the one that was tracked; without any only the run is asked.
+        sequence: where the images are, by default the one that was tracked; without images only the run is examined.
 
     Raises:
         SequenceError: the run has no such frame or object, or does not know its part.
@@ -159,7 +160,7 @@ def _results_of(run: TrackRun, frame: int, object_id: int | None) -> tuple[tuple
 def _history(results: tuple[TrackResult, ...], frame: int, config: DiagnosisConfig) -> tuple[float, int]:
     """The usual quality before `frame`, and the first frame of the bad stretch that it belongs to."""
     tracked = [r.quality for r in results[: frame + 1] if r.state is TrackState.TRACKING and r.quality > 0.0]
-    # Of the better half: a run that goes badly for long must not make that the rule.
+    # The upper quartile: a long bad stretch must not become the norm.
     usual = float(np.percentile(tracked, 75)) if tracked else results[0].quality
     onset = frame
     while onset >= 0 and not _is_good(results[onset], usual, config):
@@ -168,7 +169,7 @@ def _history(results: tuple[TrackResult, ...], frame: int, config: DiagnosisConf
 
 
 def _reference(results: tuple[TrackResult, ...], onset: int) -> int:
-    """A frame to compare with: the best shortly before the trouble, which may have crept in; -1 when there is none."""
+    """A frame to compare with: the best one shortly before the problem, which may have begun gradually; -1 for none."""
     before = range(max(onset - LOOK_BACK, 0), onset)
     return max(before, key=lambda number: results[number].quality, default=-1)
 
@@ -178,7 +179,7 @@ def _is_good(result: TrackResult, usual: float, config: DiagnosisConfig) -> bool
 
 
 def _frames(sequence: Sequence | None, wanted: set[int]) -> dict[int, Frame | UnreadableFrame]:
-    """Frames by their count; none of a live camera, which cannot show them again."""
+    """Frames by their count; none of a live camera, which cannot repeat them."""
     if sequence is None or not sequence.frame_ids:
         return {}
     read = getattr(sequence, "frame", None)
@@ -188,7 +189,7 @@ def _frames(sequence: Sequence | None, wanted: set[int]) -> dict[int, Frame | Un
 
 
 class _Case:
-    """One frame under examination."""
+    """All that is needed to examine one frame."""
 
     def __init__(
         self,
@@ -211,7 +212,7 @@ class _Case:
         self.observer = PartObserver(self.part)
 
     def diagnosis(self) -> Diagnosis:
-        """Measure, and name what passes its limit."""
+        """Measure, and name the causes beyond their limits."""
         number = self.measured_frame()
         evidence, before = self.evidence(number), self.evidence(self.reference)
         hidden = np.zeros(0, bool) if evidence is None else evidence.hidden(before)
@@ -244,20 +245,20 @@ class _Case:
         )
 
     def measured_frame(self) -> int:
-        """Deep inside a lost stretch the tracked pose says nothing; where the stretch began it still does."""
+        """The frame whose image is measured; of a lost stretch the first one, where the tracked pose is still near."""
         if self.result.state is TrackState.LOST and self.truth(self.frame) is None:
             return self.onset
         return self.frame
 
     def truth(self, number: int) -> FloatArray | None:
-        """The true pose in a frame, where somebody measured it."""
+        """The true pose in a frame, None where it is unknown."""
         session = self.run.session
         if session is None or session.truth is None:
             return None
         return session.truth(self.results[number].frame_id, self.object_id)
 
     def add_percent(self) -> float:
-        """How far the tracked pose is off."""
+        """The error of the tracked pose, NaN where the truth is unknown."""
         return PartMetric(self.part).percent(self.result.cam_T_obj, self.truth(self.frame))
 
     def pose(self, number: int) -> FloatArray:
@@ -271,11 +272,11 @@ class _Case:
         return self.observer.measure(shown.image, shown.camera, self.pose(number)) if isinstance(shown, Frame) else None
 
     def image(self, evidence: EdgeEvidence, before: EdgeEvidence | None, hidden: np.ndarray) -> list[Finding | None]:
-        """Causes that the image tells: faint, hidden, doubled or changed edges, or none of them in view."""
+        """Causes that show in the image: edges that are faint, hidden, changed, outside, or among similar ones."""
         config = self.config
         found = [causes.outside_image(evidence.outside, config)]
         share = float(hidden.mean()) if len(hidden) else 0.0
-        # Where nearly all is gone nothing hides a part of it: the edges are too faint, or the pose is wrong.
+        # Where nearly all edges are missing it is no occlusion: they are too faint, or the pose is wrong.
         is_hidden = config.hidden_share <= share <= 0.9 and evidence.contrast_of(~hidden) >= config.contrast
         rest = ~hidden if is_hidden else np.ones(len(hidden), bool)
         seen, contrast = evidence.found_share_of(rest), evidence.contrast_of(rest)
@@ -286,7 +287,7 @@ class _Case:
         if self.is_bad and is_hidden:
             found.append(causes.occlusion(share, config))
         if self.is_bad and few is None and before is not None:
-            # What is hidden lowers the quality by its share; more than that is the look of the rest.
+            # Hidden edges lower the quality by their share; the rest of the loss is the look of the visible ones.
             kept = self.result.quality / max(self.usual * float(rest.mean()), 1e-6)
             found.append(causes.appearance(seen, before.found_share, kept, config))
         return found
@@ -301,7 +302,7 @@ class _Case:
         return [causes.degenerate_points(opening, REGION_NAMES[self.result.region], self.config)]
 
     def region(self) -> Finding | None:
-        """Whether the view regions changed since all was well."""
+        """Whether the view region changed since the last good frame."""
         around = [result.region for result in self.results[max(self.onset - 1, 0) : self.frame + 1]]
         eye = eye_position(self.result.cam_T_obj) - self.part.box_centre
         scores = np.sort(region_scores(eye, 0.5 * self.part.box_size))
@@ -309,19 +310,19 @@ class _Case:
         return causes.region_border(closeness, sum(a != b for a, b in pairwise(around)))
 
     def motion(self) -> Finding | None:
-        """The frame since all was well in which the part was furthest from where it was sought."""
+        """The largest innovation since the last good frame, relative to the search range."""
         reach = self.observer.reach_px
         found = []
         for number in range(max(self.onset, 1), self.frame + 1):
-            shown, surprise = self.frames.get(number), self.surprise_px(number)
-            if isinstance(shown, Frame) and surprise is not None:
-                found.append((surprise, reach(shown.camera, self.pose(number - 1))))
+            shown, innovation = self.frames.get(number), self.innovation_px(number)
+            if isinstance(shown, Frame) and innovation is not None:
+                found.append((innovation, reach(shown.camera, self.pose(number - 1))))
         if not found:
             return None
         return causes.fast_motion(*max(found, key=lambda motion: motion[0] / motion[1]), self.config)
 
-    def surprise_px(self, number: int) -> float | None:
-        """How far the part was from where it was expected in a frame; None where that cannot be told."""
+    def innovation_px(self, number: int) -> float | None:
+        """How far the part was from its predicted position in a frame; None where that cannot be measured."""
         before, after = self.frames.get(number - 1), self.frames.get(number)
         if not (isinstance(before, Frame) and isinstance(after, Frame)):
             return None
@@ -341,14 +342,14 @@ class _Case:
         return None if moved is None else float(np.linalg.norm(start + moved - expected))
 
     def expected(self, number: int) -> FloatArray:
-        """The pose (4, 4) of a part that goes on as it went, from the tracked poses before a frame."""
+        """The pose (4, 4) that constant-velocity prediction gives from the tracked poses before a frame."""
         motion = ConstantVelocity(self.part.box_centre)
         for result in self.results[max(number - 2, 0) : number]:
             motion.observe(result.cam_T_obj)
         return motion.predict()
 
     def start(self) -> Finding | None:
-        """Unit and intrinsics show in the first frames, when what was given meets the image."""
+        """Wrong unit or intrinsics show in the first frames, where the start pose meets the image."""
         shown, start = self.frames.get(0), self.run.starts.get(self.object_id)
         if not isinstance(shown, Frame) or start is None:
             return None

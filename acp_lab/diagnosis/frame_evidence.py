@@ -1,8 +1,8 @@
-"""What a frame shows of a part at a pose: the numbers behind an explanation.
+"""What a frame shows of a part at a pose: the measurements behind an explanation.
 
-Nothing here asks the tracker. The edges that the CAD model shows at a pose are looked for in the image along
-their normals, as the tracker does but without its memories, and everything is counted. So one frame can be
-measured at several poses: where the tracker believed the part, where it was expected, where it truly was.
+The tracker's state plays no role here. The edges that the CAD model shows at a pose are searched for in the image along
+their normals, as the tracker does, but without its memories. So one frame can be measured at several poses: the
+tracked, the predicted and the true one.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ from acp_lab.tracking.targets.image_edges import SearchConfig, image_patch, sear
 
 MOST_POINTS = 800
 NEAR_PX = 2.0
-"""An image edge that near is the edge's own."""
+"""An image edge this near belongs to the edge point."""
 FOUND_SCORE = 0.3
 """Score (contrast times direction) from which an image edge counts as found."""
 STRONG_SCORE = 0.5
 OWN_PX = 3.5
-"""An image edge that near to any generated edge may be that one's."""
+"""An image edge this near to a generated edge may belong to that one."""
 NEIGHBOURS = 14
 SIDE_PX = 4.0
 OTHER_COLOUR = 30.0
-"""Distance of two RGB colours that are not one material under two lights."""
+"""Two RGB colours this far apart are not the same material in another light."""
 COHERENT = 0.8
-"""Share of the neighbours that must be missing too where something hides an edge."""
+"""Share of an edge point's neighbours that must be missing too for it to count as hidden."""
 MATCH_LIMIT = 0.75
-"""Correlation from which two patches show the same thing."""
+"""Correlation from which two patches count as the same."""
 MATCH_LEAD = 0.1
-"""By which a motion must be better than the expected one to be believed."""
+"""Margin in correlation by which a motion must beat the predicted one."""
 MATCH_BLUR_PX = 1.5
 _HIDING_OFFSET = 0.002  # of the diameter, see cad.edges.unoccluded
 
 
 @dataclass(frozen=True)
 class EdgeEvidence:
-    """How n visible edge points of a part fare in an image.
+    """What an image shows at n visible edge points of a part.
 
     Attributes:
         sample_ids: (n,) rows of the part's edge samples, the same from frame to frame.
         points: (n, 2) px; normals: (n, 2) unit.
         scores: (n,) in [0, 1] of the best image edge within `NEAR_PX`.
         contrasts: (n,) gradient across the edge there, grey levels per px.
-        sides: (n, 2, 3) RGB on either side of the edge, `SIDE_PX` away.
+        sides: (n, 2, 3) RGB on both sides of the edge, `SIDE_PX` away.
         rivals: (n,) strong image edges of the same direction within reach that belong to no generated edge.
-        outside: share of the part's visible edge points that lie outside the image.
-        reach_px: how far along the normals was searched.
+        outside: share of the part's visible edge points outside the image.
+        reach_px: search range along the normals.
     """
 
     sample_ids: np.ndarray
@@ -96,10 +96,10 @@ class EdgeEvidence:
         return float(self.rivals.mean()) if len(self.rivals) else 0.0
 
     def hidden(self, before: EdgeEvidence | None) -> np.ndarray:
-        """(n,) bool: gone together with nearly all neighbours, although found in an earlier frame.
+        """(n,) bool: missing together with nearly all neighbours, although found in an earlier frame.
 
-        Weak contrast leaves gaps, too, and a patterned occluder shows edges of its own. What tells is the colour:
-        behind an occluder both sides of an edge have other colours than before.
+        Weak contrast leaves gaps as well, and a patterned occluder has edges of its own. The colour decides: where
+        an occluder covers an edge, both sides change colour.
         """
         missing = ~self.found
         if len(missing) <= NEIGHBOURS:
@@ -113,12 +113,12 @@ class EdgeEvidence:
             known[now] = before.found[then]
         _, near = cKDTree(self.points).query(self.points, NEIGHBOURS + 1)
         core = gone & known & (gone[near[:, 1:]].mean(1) >= COHERENT)
-        # Up to its rim, where the neighbours begin that are not hidden.
+        # Points at the rim of the region have visible neighbours, too.
         return gone & known & core[near].any(1)
 
 
 class PartObserver:
-    """Looks for one part's edges in frames; made once, because sampling the edges takes a while."""
+    """Searches frames for the edges of one part; made once, because sampling the edges takes time."""
 
     def __init__(self, part: Part) -> None:
         self.part = part
@@ -168,7 +168,7 @@ def _common(ids: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _colours(image: ByteImage, points: FloatArray) -> FloatArray:
-    """(n, 3) RGB of an image (h, w, 3) at points (n, 2), between pixels and at its border as beyond it."""
+    """(n, 3) RGB of an image (h, w, 3) at points (n, 2), interpolated; beyond the border the border's value."""
     x, y = (np.ascontiguousarray(points[:, k], np.float32)[:, None] for k in (0, 1))
     return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[:, 0].astype(np.float64)
 
@@ -186,7 +186,7 @@ def image_motion(
     """How far (2,) px the patch of the image around `points` (n, 2) moved from one frame to another.
 
     By normalised correlation of the patch with the later image, up to `reach_px` away. The `expected` motion (2,) is
-    given back unless another is clearly better. None where nothing matches well, as on a part that turned much.
+    returned unless another is clearly better. None where nothing matches well, as after a large rotation.
     """
     low, high = np.floor(points.min(0)).astype(int) - 2, np.ceil(points.max(0)).astype(int) + 3
     size = np.array(before.image.shape[1::-1])

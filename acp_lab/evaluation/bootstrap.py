@@ -1,7 +1,7 @@
-"""Intervals for a share of frames that were tracked in few sequences.
+"""Confidence intervals for a share of frames over a few sequences.
 
-Frames of one sequence are alike, so they do not count as independent: sequences are drawn with replacement, and
-within each of them blocks of consecutive frames (a hierarchical block bootstrap).
+Frames of one sequence are not independent. Sequences are therefore drawn with replacement, and within each of them
+blocks of consecutive frames: a hierarchical block bootstrap.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def bootstrap_mean(sequences: Sequence[np.ndarray], draws: int = 2000, seed: int
         AcpLabError: there is no sequence, or one without frames.
     """
     if not sequences or min(map(len, sequences)) == 0:
-        raise AcpLabError("bootstrap: there is nothing to draw from: give sequences with frames")
+        raise AcpLabError("bootstrap: no sequence, or one without frames: give sequences with frames")
     rng = np.random.default_rng(seed)
     means = np.empty((draws, len(sequences)))
     for column, frames in enumerate(sequences):

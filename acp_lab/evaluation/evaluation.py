@@ -3,7 +3,7 @@
 Convention: the first frame of a scene is left out (a tracker starts there, often from the truth). Of the
 other frames those count in which scene_gt.json shows the object; one without a row is a failure with infinite
 errors. Objects with symmetries in models_info.json are scored by ADD-S, the others by ADD, over all vertices
-of the model.
+of the model (`part_metric`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _COLUMNS = ("scene", "object", "metric", "frames", *_SHARES, "rot °", "trans mm
 
 
 class HasRows(Protocol):
-    """A finished run: anything that can tell its results, one row per frame and object."""
+    """A finished run: anything that has results, one row per frame and object."""
 
     @property
     def rows(self) -> Iterable[ResultRow]:
@@ -167,8 +167,8 @@ class _SceneFrames:
         return cls(folder, tuple(image_files(folder)), SceneTruth.from_file(folder / "scene_gt.json"))
 
     def evaluated(self, object_id: int, rows: dict[int, ResultRow]) -> dict[int, FloatArray]:
-        """Truth by image id of the frames to score: all but the first; SequenceError for rows that fit
-        nothing."""
+        """Truth by image id of the frames to score: all but the first; SequenceError for rows without
+        such an image or object."""
         if object_id not in self.truth.object_ids:
             known = ", ".join(str(i) for i in self.truth.object_ids) or "none"
             raise SequenceError(

@@ -128,7 +128,7 @@ class FrameErrors:
 
 @dataclass(frozen=True)
 class Scores:
-    """What the errors of `frames` frames come to; NaN where there is nothing to say.
+    """Scores over `frames` frames; NaN where a score is undefined.
 
     recall_2, recall_5, recall_10: share of frames with ADD(-S) strictly below 2, 5, 10% of the diameter.
     auc_10pct: normalised area under the recall curve up to 10% of the diameter. cm5deg5: share of frames
@@ -157,8 +157,8 @@ def scores(errors: FrameErrors) -> Scores:
 def pooled_scores(objects: Iterable[FrameErrors]) -> Scores:
     """The scores over the frames of several objects, each frame counting once.
 
-    frames_until_lost is the sum over the objects; divided by `frames` it is the share of the way they were
-    kept.
+    frames_until_lost is the sum over the objects; divided by `frames` it is the share of frames before
+    the object was lost.
     """
     objects = list(objects)
     distance = _joined([errors.distance for errors in objects])

@@ -1,4 +1,4 @@
-"""The paper's tables, and what was measured here beside them: numbers to look at, never to compute with.
+"""The paper's tables and our measurements beside them: numbers to look at, never to compute with.
 
 They come from different images, so a row of one must not be subtracted from a row of another; within a table all
 methods saw the same. Paper: Tables I to III. Ours: docs/benchmark.md, where machine and commands are told; the

@@ -1,4 +1,8 @@
-"""Cameras, poses, homographies, splines and planar PnP. Conventions: docs/conventions.md."""
+"""Geometry of one camera and one rigid part: cameras, poses, pose steps, homographies, splines and PnP.
+
+Plain NumPy on small float64 arrays, and nothing of edges, images or trackers. docs/conventions.md spells out axes,
+pixel centres, units and names.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names for the array types that the signatures use; shapes are told in each docstring."""
+"""Names for the array types that the signatures use; each docstring gives the shapes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The pinhole camera, its file, and the removal of lens distortion.
 
 Convention: OpenCV axes (x right, y down, z forward), pixel (0, 0) is the *centre* of the top-left pixel,
-pixels are (x, y), arrays (h, w), lengths mm. `Camera.project` knows the pinhole part alone: frames are
+pixels are (x, y), arrays (h, w), lengths mm. `Camera.project` is the pinhole model alone: frames are
 undistorted once, when they are read, by an `Undistorter` that keeps the camera matrix. Points projected
 into an image that is still distorted are silently off by several pixels near its border.
 """
@@ -161,7 +161,7 @@ class Camera:
 class Undistorter:
     """Removes a camera's lens distortion from images, keeping its matrix K.
 
-    The result belongs to `camera.pinhole()`. Without distortion the image itself is handed back.
+    The result belongs to `camera.pinhole()`. Without distortion the image itself is returned.
     Pixels that the lens never saw become black.
     """
 
@@ -183,7 +183,7 @@ class Undistorter:
 
 @lru_cache(maxsize=4)
 def _undistortion_maps(camera: Camera) -> tuple[Any, Any]:
-    """cv2's fixed-point remap tables; a few are kept because sequences with two or three cameras exist."""
+    """cv2's fixed-point remap tables; a few are cached because a sequence may have two or three cameras."""
     size = (camera.width, camera.height)
     return cv2.initUndistortRectifyMap(
         camera.matrix, np.asarray(camera.dist), np.eye(3), camera.matrix, size, cv2.CV_16SC2

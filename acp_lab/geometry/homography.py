@@ -1,4 +1,4 @@
-"""Homographies between four points, and how a warped point follows the four it hangs on.
+"""Homographies between four points, and the derivative of a warped point by these four.
 
 Convention: points are (x, y) px rows, H (3, 3) takes source to destination in homogeneous coordinates and is
 scaled to H[2, 2] = 1. The order of the four rows matters: source row i goes to destination row i.
@@ -42,7 +42,7 @@ def homography_from_points(src: FloatArray, dst: FloatArray) -> FloatArray:
     """H (3, 3), H33 = 1, that takes four points src (4, 2) to dst (4, 2).
 
     Solves `homography_system` between coordinates centred and scaled to about 1, because in raw pixels its
-    columns differ by a factor of 1e6. Raises GeometryError when three points of a set are in line, or when H
+    columns differ by a factor of 1e6. Raises GeometryError when three points of a set are collinear, or when H
     sends the source's origin to infinity (then H33 = 0 and cannot be scaled to 1) or its middle.
     """
     source, destination = _unit_quad(src, "source"), _unit_quad(dst, "destination")
@@ -63,10 +63,10 @@ def apply_homography(homography: FloatArray, points: FloatArray) -> FloatArray:
 
 
 class QuadWarp:
-    """Points (n, 2) px that hang on four, src (4, 2).
+    """Points (n, 2) px that a homography moves with four others, src (4, 2).
 
-    What depends on the start alone is computed once, for optimisers that ask again at every step. Raises
-    GeometryError when three of the four are in line.
+    What depends on the start alone is computed once: optimisers call this at every step. Raises
+    GeometryError when three of the four are collinear.
     """
 
     def __init__(self, src: FloatArray, points: FloatArray) -> None:
@@ -78,7 +78,7 @@ class QuadWarp:
     def to(self, dst: FloatArray) -> WarpedPoints:
         """The points when the four are at dst (4, 2).
 
-        Raises GeometryError when three of those are in line, or when H sends the middle of src to infinity.
+        Raises GeometryError when three of those are collinear, or when H sends the middle of src to infinity.
         """
         destination = _unit_quad(dst, "destination")
         system, moved = homography_system(self._corners, destination.corners)
@@ -140,11 +140,11 @@ def homography_points_jacobian(src: FloatArray, dst: FloatArray, points: FloatAr
 
 
 def check_quad(points: FloatArray, minimum_px: float = 1.0, where: str = "quad") -> FloatArray:
-    """The four points (4, 2) as float64 when they are a convex quad, in order around it, of either direction.
+    """The four points (4, 2) as float64 when they form a convex quadrilateral in this order, clockwise or not.
 
     minimum_px: how far, at least, each corner must be from the line through two others. where: what the
     message is to name. Raises GeometryError that says whether the quad is not finite, tiny, has three corners
-    (which) in line, or is folded (crossing sides or a corner that points inwards).
+    (which) collinear, or is folded (crossing sides or a corner that points inwards).
     """
     quad = _four_points(points, where)
     size = extent(quad)
@@ -157,19 +157,19 @@ def check_quad(points: FloatArray, minimum_px: float = 1.0, where: str = "quad")
         if height < minimum_px:
             names = ", ".join(str(j) for j in sorted(trio))
             raise GeometryError(
-                f"{where} is degenerate: points {names} are in line within {height:.3g} px, "
+                f"{where} is degenerate: points {names} are collinear within {height:.3g} px, "
                 f"needs {minimum_px:g}: move one of them"
             )
     if not all(area * areas[0] > 0.0 for area in areas):
-        raise GeometryError(f"{where} is folded: in order, its points are no convex quad: reorder or move them")
+        raise GeometryError(f"{where} is folded: in this order its points are no convex quadrilateral: move one")
     return quad
 
 
 def corner_areas(quad: FloatArray) -> tuple[float, float, float, float]:
     """Twice the signed area of the triangle at each corner of four points (4, 2): previous, corner, next.
 
-    These are all four triangles of the quad, so the signs tell convex (all equal) from folded, and a plane
-    seen from in front keeps all of them or flips all of them.
+    These are all four triangles of the quad, so a convex one has equal signs and a folded one has not;
+    a view of a plane keeps all signs or flips all of them.
     """
     (x0, y0), (x1, y1), (x2, y2), (x3, y3) = quad.tolist()
     return (
@@ -205,7 +205,7 @@ def _four_points(points: FloatArray, name: str) -> FloatArray:
 def _refuse_flat(quad: FloatArray, name: str) -> None:
     size = extent(quad)
     if not min(abs(area) for area in corner_areas(quad)) > _FLAT * size * size:
-        raise GeometryError(f"{name} points {quad.tolist()}: three in line, no homography: move one")
+        raise GeometryError(f"{name} points {quad.tolist()}: three are collinear, there is no homography: move one")
 
 
 @dataclass(frozen=True)
@@ -218,10 +218,10 @@ class _UnitQuad:
 
 
 def _unit_quad(points: FloatArray, name: str) -> _UnitQuad:
-    """Four points (4, 2) px in coordinates of their own; GeometryError, with `name`, when three are in line."""
+    """Four points (4, 2) px in coordinates of their own; GeometryError, with `name`, when three are collinear."""
     quad = _four_points(points, name)
     _refuse_flat(quad, name)
-    # Plain numbers: on so few, NumPy's calls take four times as long.
+    # Plain Python numbers: for so few, NumPy's calls take four times as long.
     xs, ys = quad.T.tolist()
     x, y = 0.25 * sum(xs), 0.25 * sum(ys)
     size = max(max(xs) - x, x - min(xs), max(ys) - y, y - min(ys))

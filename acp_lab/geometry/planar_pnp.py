@@ -1,9 +1,9 @@
-"""From four image points back to the pose: PnP of a plane, with both of its solutions.
+"""From four image points to the pose: PnP of a plane, with both of its solutions.
 
 Convention: row i of points_obj (mm, object frame, coplanar) is seen at row i of points_image ((x, y) px,
 undistorted). A plane seen with little perspective has two poses that explain it almost equally well (it tilts
-towards or away from the camera): both are refined and kept, and who knows the last pose decides by `nearest`.
-Taking the better reprojection instead flips the part from frame to frame.
+towards or away from the camera): both are refined and kept, and `nearest` chooses by the last pose.
+Choosing the better reprojection instead flips the part from frame to frame.
 Source: T. Collins, A. Bartoli, "Infinitesimal plane-based pose estimation" (2014), as cv2.SOLVEPNP_IPPE.
 """
 
@@ -24,10 +24,10 @@ from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import inverse, make_pose, rotation_angle_deg, so3_exp, transform
 
 _OFF_PLANE = 1e-4
-"""W may leave its plane by this share of its size: files in float32 or with three decimals round."""
+"""W may be off its plane by this share of its size: files in float32 or with three decimals are rounded."""
 _FLAT_OBJ = 1e-4
 _FLAT_PX = 1e-3
-"""Three points closer to one line than this (share of the size; px) carry no pose."""
+"""Three points closer to one line than this (share of the size; px) determine no pose."""
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-15)
 
 
@@ -61,8 +61,8 @@ def solve_planar_pnp(points_obj: FloatArray, points_image: FloatArray, camera: C
     """Both poses cam_T_obj from which four coplanar points (4, 3), mm, are seen at (4, 2), px.
 
     Each is IPPE's solution refined on the reprojection error by Levenberg-Marquardt, through the pinhole part
-    of the camera. Raises GeometryError when the object points are not coplanar or three of them are in line,
-    when three image points are in line, and when no plane in front of the camera shows them in this order.
+    of the camera. Raises GeometryError when the object points are not coplanar or three of them are collinear,
+    when three image points are collinear, and when no plane in front of the camera shows them in this order.
     """
     w, i = _four_rows(points_obj, 3, "object points"), _four_rows(points_image, 2, "image points")
     obj_T_plane = _turned_like_image(_plane_of(w.tobytes()), w, i)
@@ -72,7 +72,7 @@ def solve_planar_pnp(points_obj: FloatArray, points_image: FloatArray, camera: C
     matrix = camera.matrix
     _, turns, shifts, _ = cv2.solvePnPGeneric(points_plane, i, matrix, None, flags=cv2.SOLVEPNP_IPPE)
     refined = (_refine(points_plane, i, camera, *start) for start in zip(turns, shifts, strict=True))
-    # A refinement that leaves the front of the camera (NaN) is no pose; the other one then stands for both.
+    # A refinement that ends behind the camera (NaN) is no pose; the other solution then counts twice.
     solutions = sorted((s for s in refined if np.isfinite(s[0])), key=lambda s: s[0])
     if not solutions:
         raise GeometryError(f"image points {i.tolist()}: no pose in front of the camera fits them: check them")
@@ -113,7 +113,7 @@ def _plane_of(points_obj: bytes) -> FloatArray:
     centre = w.mean(axis=0)
     _, spread, axes = np.linalg.svd(w - centre)
     if not spread[1] > _FLAT_OBJ * spread[0]:
-        raise GeometryError(f"object points {w.tolist()}: in one line or one point: choose a proper quad")
+        raise GeometryError(f"object points {w.tolist()}: collinear or all in one place: choose a proper quadrilateral")
     if spread[2] > _OFF_PLANE * spread[0]:
         raise GeometryError(
             f"object points {w.tolist()}: not coplanar, off by {spread[2]:.3g} mm: move them onto one plane"
@@ -150,10 +150,10 @@ def _sees_same_side(flat: FloatArray, image: FloatArray) -> bool:
     """
     areas, areas_image = corner_areas(flat), corner_areas(image)
     if not min(map(abs, areas)) > _FLAT_OBJ * extent(flat) ** 2:
-        raise GeometryError(f"object points {flat.tolist()} in their plane: three in line: choose a proper quad")
+        raise GeometryError(f"object points {flat.tolist()} in their plane: three are collinear: move one")
     if not min(map(abs, areas_image)) > _FLAT_PX * extent(image):
-        raise GeometryError(f"image points {image.tolist()}: three in line, the plane is edge-on: pose unknown")
+        raise GeometryError(f"image points {image.tolist()}: three collinear, the plane is seen edge-on: pose unknown")
     agree = [(a > 0.0) == (b > 0.0) for a, b in zip(areas, areas_image, strict=True)]
     if any(agree) and not all(agree):
-        raise GeometryError(f"image points {image.tolist()}: folded, no view of the object points: check order")
+        raise GeometryError(f"image points {image.tolist()}: folded, no view of the object points: check their order")
     return agree[0]

@@ -1,4 +1,4 @@
-"""From image points of any known object points back to the pose: PnP for four or more of them, in any arrangement.
+"""From image points to the pose: PnP for four or more known object points in any arrangement.
 
 Convention: row i of points_obj (mm, object frame) is seen at row i of points_image ((x, y) px, undistorted).
 Source: G. Terzakis, M. Lourakis, "A consistently fast and globally optimal solution to the
@@ -38,7 +38,7 @@ class PointPnP:
 def solve_point_pnp(points_obj: FloatArray, points_image: FloatArray, camera: Camera) -> PointPnP:
     """The pose from which points (n, 3), mm, are seen at (n, 2), px, n >= 4, with the smallest error.
 
-    Raises GeometryError for fewer points, points that are all in one line or not finite, and when no pose in
+    Raises GeometryError for fewer points, points that are all collinear or not finite, and when no pose in
     front of the camera fits.
     """
     points = np.ascontiguousarray(points_obj, dtype=np.float64)
@@ -52,7 +52,7 @@ def solve_point_pnp(points_obj: FloatArray, points_image: FloatArray, camera: Ca
     for rows, name in ((points, "points"), (pixels, "pixels")):
         spread = np.linalg.svd(rows - rows.mean(axis=0), compute_uv=False)
         if not spread[1] > _FLAT * spread[0]:
-            raise GeometryError(f"all {len(points)} {name} lie in one line or place: choose others")
+            raise GeometryError(f"all {len(points)} {name} are collinear or in one place: choose others")
     found = cv2.solvePnPGeneric(points, pixels, camera.matrix, None, flags=cv2.SOLVEPNP_SQPNP)
     solutions = []
     for turn, shift in zip(found[1], found[2], strict=True):

@@ -3,7 +3,7 @@
 Convention: `a_T_b` (4, 4) float64 takes coordinates in frame b to frame a, so names compose by adjacency:
 `a_T_c = a_T_b @ b_T_c`. A twist is six numbers, the rotation first: (w in rad, v in mm). A small change is
 applied on the left, `se3_exp(xi) @ cam_T_obj`, so that a point moves by `w x p + v` in the camera's frame.
-With the halves of a twist swapped, millimetres become radians and nothing complains.
+With the halves of a twist swapped, millimetres silently become radians.
 Source of the closed forms: J. Sola et al., "A micro Lie theory for state estimation in robotics" (2018).
 """
 
@@ -115,7 +115,7 @@ def se3_log(pose: FloatArray) -> FloatArray:
 def interpolate(pose_a: FloatArray, pose_b: FloatArray, s: float) -> FloatArray:
     """The pose (4, 4) at share s of the screw motion from pose_a (s = 0) to pose_b (s = 1).
 
-    The same path comes out whichever frames the poses are told in; s outside [0, 1] extrapolates.
+    The path does not depend on the frames in which the poses are given; s outside [0, 1] extrapolates.
     """
     return pose_a @ se3_exp(s * se3_log(inverse(pose_a) @ pose_b))
 

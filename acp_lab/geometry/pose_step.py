@@ -1,7 +1,7 @@
-"""A small step of a pose, and how points and control points in the image follow it.
+"""A small step of a pose, and the Jacobians of image points and control points by it.
 
 A pose step is six numbers about the part's own centre: rotation vector w (rad) and shift v (mm), in camera axes.
-About the centre, because the origin of a CAD file may lie far outside the part, where rotation and shift mix.
+About the centre, because the origin of a CAD file may lie far outside the part; about it, rotation and shift mix.
 """
 
 from __future__ import annotations

@@ -25,8 +25,8 @@ Image = TypeVar("Image", ByteImage, Float32Array)
 def warp_points_tps(points: FloatArray, src: FloatArray, dst: FloatArray) -> FloatArray:
     """Points (n, 2) moved by the spline that takes src (m, 2) to dst (m, 2), m >= 3; (n, 2), px.
 
-    Raises GeometryError for fewer than three points, sources that repeat or all lie in line, and shapes that
-    do not match.
+    Raises GeometryError for fewer than three points, sources that repeat or are all collinear, and shapes
+    that do not match.
     """
     src, dst = _point_pairs(src, dst)
     to_unit = _Unit(src)
@@ -96,7 +96,7 @@ def _coefficients(src: FloatArray, dst: FloatArray) -> tuple[FloatArray, FloatAr
     system[count:, :count] = system[:count, count:].T
     # Repeated or collinear sources make the system singular, up to rounding.
     if np.linalg.cond(system) > 1e12:
-        raise GeometryError("spline source points repeat or lie in one line: spread them")
+        raise GeometryError("spline source points repeat or are collinear: spread them")
     solved = np.linalg.solve(system, np.vstack([dst, np.zeros((3, 2))])).astype(np.float64, copy=False)
     return solved[:count], solved[count:]
 

@@ -1,4 +1,7 @@
-"""Small wrappers of cv2 that several layers use: edge pixels, distances to them, Chamfer distances."""
+"""Image processing that several layers share: Canny edges, exact distance maps, Chamfer distances.
+
+Small wrappers of cv2 and SciPy that fix their defaults where these are inexact or change from run to run.
+"""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def to_grey(image: ByteImage) -> ByteImage:
 
 
 def blur(image: ByteImage, sigma: float) -> ByteImage:
-    """The image after a Gaussian of sigma px; sigma 0 hands it back as it is."""
+    """The image after a Gaussian of sigma px; sigma 0 returns it unchanged."""
     if sigma <= 0.0:
         return image
     # cv2's own choice of the kernel's size cuts uint8 images at 3 sigma, which is enough here.
@@ -98,13 +98,13 @@ def canny(image: ByteImage, config: CannyConfig = CannyConfig()) -> BoolArray:
 
 
 def canny_at(image: ByteImage, thresholds: Thresholds, blur_sigma: float = 1.0) -> BoolArray:
-    """Edge pixels (h, w) bool of an image (h, w) or (h, w, 3), with thresholds of the caller."""
+    """Edge pixels (h, w) bool of an image (h, w) or (h, w, 3), with given thresholds."""
     dx, dy = _gradients(image, blur_sigma)
     return cv2.Canny(dx, dy, thresholds.low, thresholds.high, L2gradient=True) > 0
 
 
 def _gradients(image: ByteImage, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sobel gradients, int16, x then y: what cv2.Canny would compute, at hand for the thresholds."""
+    """Sobel gradients, int16, x then y: as cv2.Canny would compute them; the thresholds need them, too."""
     smooth = blur(to_grey(image), sigma)
     # Without a replicated border the frame of the image is an edge.
     border = cv2.BORDER_REPLICATE

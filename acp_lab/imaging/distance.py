@@ -1,8 +1,8 @@
 """How far every pixel is from the nearest edge, and which edge pixel that is; both exact.
 
 Convention: edge maps are bool (h, w), True on an edge; distances are px between pixel centres, 0 on an edge.
-cv2's 5 x 5 mask, the default elsewhere, is off by up to 2% and its labels by more than a pixel in places: a
-distance that is differentiated cannot afford it.
+cv2's 5 x 5 mask, the default elsewhere, is off by up to 2% and its labels by more than a pixel in places: too
+much for a distance that is differentiated.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 The paper blames failures of contour and region trackers on views "whose outer contours are extremely similar but the
 poses are opposite". Here all views around the part are compared, each with each: contours by their radial profiles,
-over all turns in the image at once, then the best pairs by their distance after alignment. Pairs whose
-rotations differ by no more than 90 degrees, symmetries of the part taken off, are no ambiguity. (Rotations, not
+over all rotations in the image at once, then the best pairs by their distance after alignment. Pairs whose
+rotations differ by no more than 90 degrees, up to symmetries of the part, are no ambiguity. (Rotations, not
 directions of view: a plate seen flat and the same plate rolled by 180 degrees are opposite poses, too.)
 
 What inner edges add to a pair is measured in `distinction`.
@@ -104,7 +104,7 @@ def find_ambiguities(
     """Search all pairs of views for opposite poses with the same outer contour.
 
     Args:
-        edges, caster: of this part, whose symmetries are taken off.
+        edges, caster: of this part, whose symmetries are accounted for.
 
     Raises:
         GeometryError: the eye is inside the part.

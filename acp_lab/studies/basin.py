@@ -1,8 +1,8 @@
 """The basin of convergence: from how far off an alignment still finds the pose.
 
-A start pose is turned about the box centre by exactly so many degrees and shifted by exactly so many mm, in random
-directions that are the same for every size and every method; the share of trials that end near the truth, within
-2% of the diameter by ADD (ADD-S with symmetries), is the basin at that size.
+A start pose is rotated about the box centre by an exact angle and shifted by an exact distance, in random directions
+that are the same for every size and every method. The basin at that size is the share of trials that end within 2% of
+the diameter of the truth by ADD (ADD-S with symmetries).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Align(Protocol):
 def align_with(make_tracker: Callable[[], PartTracker], again: int = 0) -> Align:
     """An `Align` that starts a fresh tracker in the frame.
 
-    again: times that the same frame is then tracked, for trackers that take few steps at the start.
+    again: how often the same frame is then tracked again, for trackers that take few steps at the start.
     """
 
     def align(frame: Frame, start_T_obj: np.ndarray) -> np.ndarray:
@@ -54,7 +54,7 @@ class BasinConfig:
     """Settings.
 
     Attributes:
-        angles_deg, shifts_mm: the grid of disturbances, each with each.
+        angles_deg, shifts_mm: the grid of disturbances.
         trials: random directions per cell and frame.
         limit: share of the diameter below which ADD(-S) counts as found.
     """
@@ -67,7 +67,7 @@ class BasinConfig:
 
 @dataclass(frozen=True, eq=False)
 class Basin:
-    """How often an alignment came home. Prints as a table.
+    """How often an alignment found the pose. Prints as a table.
 
     Attributes:
         name: of the method.

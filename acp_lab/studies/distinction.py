@@ -1,4 +1,4 @@
-"""What tells the right pose from a wrong one in an image: its outer contour, its edges, the edges it leaves over.
+"""What distinguishes the right pose from a wrong one in an image: outer contour, edges, unexplained image edges.
 
 For pairs of poses whose outer contours agree (`ambiguity`), or any two poses that a tracker may confuse. Measures are
 mean distances to the nearest edge in px, capped, so that missing edges cannot decide alone (alpha of eq. 6).
@@ -41,7 +41,7 @@ class Contest:
 
 @dataclass(frozen=True)
 class Distinction:
-    """How well an image tells the right pose from a wrong one.
+    """How well an image distinguishes the right pose from a wrong one.
 
     Attributes:
         outline: from the outer contour of a pose to the image's edges.
@@ -114,7 +114,7 @@ def _inside(contour: np.ndarray, points: np.ndarray, camera: Camera) -> np.ndarr
 def _mean_distance(distances: np.ndarray, points: np.ndarray, cap: float) -> float:
     """Mean of the capped distances at the pixels of points (n, 2); outside the image counts as the cap.
 
-    Without any point it is the cap: what shows nothing fits nothing.
+    Without any point it is the cap: a pose that shows nothing fits nothing.
     """
     if len(points) == 0:
         return cap

@@ -1,4 +1,4 @@
-"""Where the image of a part's edges lies beside the CAD model's, in millimetres: what broken edges do.
+"""How far image edges lie from the CAD model's edges, in millimetres: the effect of broken edges.
 
 Machined edges are broken by some tenths of a millimetre, so the outline of a real part lies *inside* its
 model's. Measured at the true pose, edge point by edge point, with the nearest strong image edge along the normal.

@@ -1,16 +1,16 @@
-"""How often does a generated edge point find *its* image edge, and not another one? Measured where truth is known.
+"""How often does a generated edge point find *its* image edge, and not another one? Measured where the truth is known.
 
-From a pose that is a little off, every edge point has a known way to go: along its normal, to where the true pose
-puts it. Each rule of looking at the image proposes a way; it is right when it ends within a tolerance of the true
-one. Rules, from the paper's (section IV-B) to the tracker's:
+From a pose that is a little off, every edge point has a known displacement: along its normal, to where the true pose
+puts it. Each rule of searching the image proposes one; it is right when it ends within a tolerance of the true
+place. Rules, from the paper's (section IV-B) to the one of `acp`:
 
-- nearest edge: the nearest Canny pixel, as a distance map leads to it;
+- nearest edge: the nearest Canny pixel, to which a distance map leads;
 - nearest of its direction: the nearest Canny pixel whose gradient is within 30 degrees of the normal;
 - strongest along the normal: the best peak of a search along the normal;
 - strongest that looks familiar: the same, weighted by a memory of how the sample looked one frame before;
-- among the candidates: any of the search's peaks; what a perfect choice could reach.
+- among the candidates: any of the search's peaks; the limit of a perfect choice.
 
-Convention: px; ways count along the edge's normal.
+Convention: px, along the edge's normal.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _best(candidates: Candidates, scores: FloatArray) -> FloatArray:
 def _remember(
     memory: EdgeMemory, truth: TrueEdges, frame: Frame, cam_T_obj: FloatArray, config: FindingConfig
 ) -> None:
-    """Learn at the true pose, as a tracker that has done well would have."""
+    """Learn at the true pose, as a tracker that tracked well would have."""
     rows = truth.rows(cam_T_obj)
     at = truth.project(rows, cam_T_obj, frame.camera)
     height, width = frame.image.shape[:2]

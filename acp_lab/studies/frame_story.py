@@ -1,7 +1,7 @@
-"""One frame of a run, stage by stage: expected where, found what, moved how.
+"""One frame of a run, stage by stage: prediction, search, iterations.
 
-The tracker is run up to the frame; then its own first search is repeated where it expected the part, and its
-iterations are recorded. Truth is used for nothing but to say how far off each stage is.
+The tracker is run up to the frame; then its first search is repeated at the predicted pose, and its iterations are
+recorded. The truth only serves to measure the error of each stage.
 Convention: px along the normals of the edges that are seen at the true pose; poses cam_T_obj (4, 4), mm.
 """
 
@@ -26,7 +26,7 @@ from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker, TrackerConfig
 
 RIGHT_PX = 1.5
-"""An image edge that near to where the true pose has an edge point is that point's own."""
+"""An image edge this near to an edge point's true place is that point's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class FrameStory:
 
     Attributes:
         frame: the image with its camera; cam_T_true: (4, 4), where the part is.
-        last, predicted: (4, 4), the pose of the frame before, and the one expected in this frame.
+        last, predicted: (4, 4), the pose in the frame before, and the one predicted for this frame.
         observation: the first search, at the predicted pose, with the memory; its `candidates.scores` are those
             without.
         way_px: (n,) along the normals, from each generated edge point to its true place.
@@ -70,7 +70,7 @@ class FrameStory:
 def frame_story(
     model: PreparedPart, sequence: Sequence, number: int, config: TrackerConfig | None = None
 ) -> FrameStory:
-    """Track a sequence of one object from its true first pose, and take its frame `number` (from 0) apart.
+    """Track a sequence of one object from its true first pose, and record the stages of its frame `number` (from 0).
 
     Raises SequenceError for a frame before the third, after the last, without image or without truth, and when the
     part was not seen there.
@@ -79,7 +79,7 @@ def frame_story(
     frames = list(islice(sequence.frames(), number + 1))
     frame = frames[-1] if frames else None
     if not 2 <= number < len(frames) or not isinstance(frame, Frame) or not isinstance(frames[0], Frame):
-        raise SequenceError(f"{sequence.name}: frame {number} cannot be told: choose a readable one after the second")
+        raise SequenceError(f"{sequence.name}: frame {number} cannot be shown: choose a readable one after the second")
     cam_T_true = sequence.truth(frame.index, object_id)
     if cam_T_true is None:
         raise SequenceError(f"{sequence.name}: frame {number} has no truth: choose another")

@@ -1,8 +1,8 @@
-"""Generators side by side, from the same eyes: how far their edges are from the true ones, and how long they take.
+"""Generators compared at the same views: how far their edges are from the true ones, and how long they take.
 
-Every view is seen by its canonical camera (`control_points.canonical_frame`), in which the auto-encoder paints and
-any other generator can be asked as well: four control points in, edge points out. Between two views lie others; what
-a generator says on the way there is `views_between`.
+Every view is seen by its canonical camera (`control_points.canonical_frame`), in which the auto-encoder paints;
+other generators answer there as well: four control points in, edge points out. `views_between` gives the views on the
+way from one view to another.
 
 Convention: canonical px; poses canonical_T_obj, mm; W is the middle section.
 """

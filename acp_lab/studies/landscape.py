@@ -1,4 +1,4 @@
-"""What e(I) looks like around a pose: its values over any two control coordinates, or any two pose parameters.
+"""The values of e(I) around a pose, over any two control coordinates or any two pose parameters.
 
 Edges are generated once, at the pose in the middle, and moved as the paper's tracker moves them: by the homography of
 the control points for the eight coordinates, as a rigid part for the six of a pose. The distances of a slice are looked
@@ -80,7 +80,7 @@ class LossSlice:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """The optimiser's way: offsets (k, 8) px or (k, 6) rad and mm from the middle, first the start; loss: (k,), the
+    """The optimiser's path: offsets (k, 8) px or (k, 6) rad and mm from the middle, first the start; loss: (k,), the
     first one NaN."""
 
     offsets: FloatArray
@@ -132,7 +132,7 @@ class LossSurface:
 
     @staticmethod
     def coordinates(space: Space) -> tuple[Coordinate, ...]:
-        """What a slice can run over."""
+        """The coordinates that a slice can vary."""
         return CONTROL_COORDINATES if space == "control-points" else POSE_COORDINATES
 
     def edges_at(self, space: Space, offsets: FloatArray) -> GeneratedEdges:
@@ -165,9 +165,9 @@ class LossSurface:
     def descend(
         self, space: Space, offsets: FloatArray, form: LossForm, alphas_px: tuple[float, ...], solver: SolverConfig
     ) -> Descent:
-        """The solver's way from offsets (8,) or (6,), one level per alpha, all variables free.
+        """The solver's path from offsets (8,) or (6,), one level per alpha, all variables free.
 
-        It ends early where a step leads to a degenerate I. The printed form is let run, to be looked at.
+        It ends early where a step leads to a degenerate I. The printed form may diverge.
         """
         motion = self._motions[space]
         variables = motion.moved(self._start(space), offsets)

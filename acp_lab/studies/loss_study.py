@@ -1,10 +1,10 @@
-"""How well a loss finds the pose: from starts nearby, with its alpha, and with part of the image's edges missing.
+"""How well a loss finds the pose: from starts nearby, for its alpha, and with part of the image's edges missing.
 
-One part, some frames with known poses. From each start the rigid edges of the true view go down e, one level per
-alpha, in six degrees of freedom; what is left between the end and the truth is the loss's own doing.
+One part, some frames with known poses. From each start the rigid edges of the true view are moved to minimise e, one
+level per alpha, in six degrees of freedom. The remaining error is due to the loss alone.
 
-Reflections hide edges. `erase_edges` does that to a frame: on one side of the part it takes the edge pixels along the
-part's edges away and leaves what else is there, so that a generated edge point finds the nearest wrong edge.
+Reflections hide edges. `erase_edges` imitates that: on one side of the part it removes the edge pixels along the part's
+edges and keeps all others, so that a generated edge point finds the nearest wrong edge.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ class LossStudyConfig:
 
 @dataclass(frozen=True, eq=False)
 class LossStudy:
-    """Where the descents ended. Prints as a table.
+    """Where the minimisations ended. Prints as a table.
 
-    names: (c,) of the choices. erased: (e,) shares of the part's edges that were taken away. errors: (c, e, n) ADD(-S)
-    of n descents as share of the diameter, 1 for those that went astray. limit: below it the pose counts as found.
+    names: (c,) of the choices. erased: (e,) shares of the part's edges that were removed. errors: (c, e, n) ADD(-S)
+    of n descents as share of the diameter, 1 for those that diverged. limit: below it the pose counts as found.
     """
 
     names: tuple[str, ...]
@@ -68,7 +68,7 @@ class LossStudy:
 
     @property
     def found(self) -> FloatArray:
-        """(c, e) share of the descents that ended at the pose."""
+        """(c, e) share of the descents that found the pose."""
         return np.asarray((self.errors < self.limit).mean(2), dtype=np.float64)
 
     @property
@@ -78,9 +78,9 @@ class LossStudy:
 
     def __str__(self) -> str:
         width = max(len(name) for name in self.names)
-        head = " " * width + "".join(f"{f'{100 * share:.0f}% gone':>12}" for share in self.erased)
+        head = " " * width + "".join(f"{f'{100 * share:.0f}% removed':>15}" for share in self.erased)
         rows = [
-            f"{name:>{width}}" + "".join(f"{100 * error:10.2f} %" for error in errors)
+            f"{name:>{width}}" + "".join(f"{100 * error:13.2f} %" for error in errors)
             for name, errors in zip(self.names, self.median, strict=True)
         ]
         return "\n".join([head, *rows, f"median ADD(-S) in % of the diameter, {self.errors.shape[2]} descents each"])
@@ -95,11 +95,11 @@ def loss_study(
     config: LossStudyConfig = LossStudyConfig(),
     seed: int = 0,
 ) -> LossStudy:
-    """Let every choice go down from the same starts.
+    """Minimise every choice of loss from the same starts.
 
     Args:
         truths: cam_T_obj (4, 4) mm of each frame.
-        erased: shares in [0, 1) of the part's edges that are taken out of the image, on one side of it.
+        erased: shares in [0, 1) of the part's edges that are removed from the image, on one side of it.
 
     Raises:
         SequenceError: no frames, or not one truth for each.

@@ -103,7 +103,7 @@ class ManipulationBench:
     def study(self, control_points: FloatArray, prior: FloatArray) -> ManipulationStudy:
         """Compare the ways for I (4, 2) px; prior (4, 4) decides between the two poses of planar PnP.
 
-        Raises GeometryError when I is degenerate: three points in line, folded.
+        Raises GeometryError when I is degenerate: three points collinear, folded.
         """
         cam_T_obj = solve_planar_pnp(self.points_obj, control_points, self.camera).nearest(prior)
         off = self.points_at(cam_T_obj) - control_points

@@ -1,7 +1,7 @@
 """The two redundant degrees of freedom: eight image coordinates, of which a rigid part moves along six directions.
 
-The paper counts on the other two for "a flexible iterative path" (section IV-B). Here they are named, and it is
-measured how far a tracker has gone along them: the misfit between its I and what the pose that PnP finds would show.
+The paper relies on the other two for "a flexible iterative path" (section IV-B). Here they are computed, and it is
+measured how far a tracker moved along them: the misfit between its I and the points reprojected from the PnP pose.
 
 Convention: I is (4, 2) px or flat (8,) in the order x1, y1, ..., y4; poses cam_T_obj, mm.
 """
@@ -28,7 +28,7 @@ _MOST_VERTICES = 1000
 def redundant_directions(
     points_obj: FloatArray, cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera
 ) -> FloatArray:
-    """(2, 8) unit directions of I, across each other and across all that a rigid motion does to I.
+    """(2, 8) unit directions of I, orthogonal to each other and to every change of I by a rigid motion.
 
     points_obj: (4, 3) W, mm; centre_obj: (3,) mm, the part's centre. To first order, at the pose.
     """
@@ -38,20 +38,20 @@ def redundant_directions(
 
 
 def rigid_share(step: FloatArray, redundant: FloatArray) -> float:
-    """The share of a step's squared length (8,) px that a rigid motion makes; redundant: (2, 8)."""
+    """The share of a step's squared length (8,) px that a rigid motion explains; redundant: (2, 8)."""
     flat = np.asarray(step, dtype=np.float64).reshape(8)
     return 1.0 - float(((redundant @ flat) ** 2).sum() / (flat @ flat))
 
 
 def misfit_px(control_points: FloatArray, points_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera) -> float:
-    """Rms distance in px from I (4, 2) to where W (4, 3) mm is seen at a pose (4, 4)."""
+    """Rms distance in px from I (4, 2) to the reprojection of W (4, 3) mm at a pose (4, 4)."""
     off = camera.project(transform(cam_T_obj, points_obj)) - control_points
     return float(np.sqrt((off**2).sum() / 4.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """How a run left what a rigid part can show. frame_ids, misfits_px, errors (ADD(-S) as
+    """How far a run moved from what a rigid part can show. frame_ids, misfits_px, errors (ADD(-S) as
     share of the diameter): (n,)."""
 
     frame_ids: np.ndarray

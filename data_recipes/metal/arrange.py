@@ -1,4 +1,4 @@
-"""Putting things in place: how a part rests on the bench, what lies around it, what holds it, what hides it."""
+"""Arranging the scene: how a part rests on the bench, the clutter around it, its holder, its occluder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Things that lie about on the bench: nuts, bolts, washers, plates, offcuts, cables, and other CAD parts."""
+"""Clutter on the bench: nuts, bolts, washers, plates, offcuts, cables, and other CAD parts."""
 
 from __future__ import annotations
 

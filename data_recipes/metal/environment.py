@@ -1,4 +1,4 @@
-"""What metal mirrors: a seeded room of light panels, dark and bright patches, walls and a gradient ceiling.
+"""What metal reflects: a seeded room of light panels, dark and bright patches, walls and a gradient ceiling.
 
 A metal part has no colour of its own: its look *is* its surroundings. Every patch is a rectangle at a finite place,
 so reflections slide over the part as part, camera or lamp move, and differ from one end of a face to the other.

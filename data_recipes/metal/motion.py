@@ -1,7 +1,7 @@
 """Smooth random motions with a given mean speed.
 
-A path is first drawn without regard to speed, densely, then walked at the speed that was asked for; that way
-"2 degrees per frame" is what the truth says, whatever the path. Between frames the pose follows a cubic spline in
+A dense path is drawn first, without regard to speed, then resampled at the speed asked for. So "2 degrees per frame" is
+what the truth has, whatever the path. Between frames the pose follows a cubic spline in
 translation and `RotationSpline` in rotation, so an exposure can be integrated about the exact pose of a frame.
 Convention: time in frames; frame k has its mid exposure at time k; poses are 4x4, `a_T_b`.
 """

@@ -2,8 +2,8 @@
 
 Part, bench, lamps, room, motion and truth are those of `scene`; only the light is followed further: any number of
 bounces between the things on the bench, glossy reflections of everything in everything, and soft shadows of every
-panel of the room. Tool marks are bump textures here. There is no depth of field and no denoiser: noise goes with the
-root of the samples per pixel.
+panel of the room. Tool marks are bump textures here. There is no depth of field and no denoiser: noise falls with the
+square root of the samples per pixel.
 Convention: world frame, mm; images are linear RGB. Mitsuba's pixel centres lie at half pixels, and its camera looks
 along z with x to the left and y up: both are corrected in `_sensor` alone.
 """
@@ -44,7 +44,7 @@ def path_tracer(scene: Scene, spp: int) -> PathTracer:
 
 
 class PathTracer:
-    """Renders frames of one scene; what never moves is handed to Mitsuba once."""
+    """Renders frames of one scene; what never moves is loaded into Mitsuba once."""
 
     def __init__(self, mi: Any, scene: Scene, spp: int) -> None:
         self._mi, self._scene, self._spp = mi, scene, spp

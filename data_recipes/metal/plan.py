@@ -1,6 +1,6 @@
 """What a sequence can show: the names of parts and kinds, and the frozen plan of one sequence.
 
-Nothing here needs the solid modeller, so that the command can tell its options where the `recipes` extra is missing.
+Nothing here needs the solid modeller, so that `--help` works without the `recipes` extra.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from data_recipes.metal.table import TableKind
 
 PART_NAMES = ("slot_block", "l_bracket", "u_clevis", "flange_hub", "valve_body", "finned_cover", "lever_arm", "v_block")
 FIRST_PARTS = PART_NAMES[:7]
-"""What is shown where nothing is chosen, and what lies about. Later parts stay out of it: another one would change what
-every seed has shown so far."""
+"""The default parts, and those that serve as clutter. Later parts stay out of it: another one would change what every
+seed has shown so far."""
 Kind = Literal["regular", "reflection", "rotation", "occlusion", "fast"]
 KINDS: tuple[Kind, ...] = ("regular", "reflection", "rotation", "occlusion", "fast")
 SPP = 64

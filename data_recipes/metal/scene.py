@@ -1,9 +1,9 @@
-"""A scene: the tracked part, what holds or hides it, the bench with its clutter, the room, and how all of it moves.
+"""A scene: the tracked part, what holds or hides it, the bench with its clutter, the room, and all motions.
 
 Five kinds. `regular`: the part lies on the bench, the camera moves. `reflection`: the part is held and turned while
 lamp and operator move. `rotation`: the part turns about one axis. `occlusion`: another part passes in front.
 `fast`: like regular or held, at up to 5 degrees per frame.
-Convention: the truth is `cam_T_part` at whole times; every other pose is derived from it, so nothing can drift apart.
+Convention: the truth is `cam_T_part` at whole times; every other pose is derived from it, so they cannot disagree.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ def test_three_points_in_line_are_named_as_they_are_labelled() -> None:
     """check_quad counts rows from 0; on the screen points are counted from 1."""
     made = editor()
     drag(made, 2, 0.5 * (QUAD[1] + QUAD[3]))
-    assert "points 2, 3, 4 are in line" in made.problem
+    assert "points 2, 3, 4 are collinear" in made.problem
     assert not made.is_good
     made.undo()
     assert made.problem == ""

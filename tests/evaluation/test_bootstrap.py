@@ -40,7 +40,7 @@ def test_the_same_seed_gives_the_same_interval(rng: np.random.Generator) -> None
     assert bootstrap_mean(values, seed=3) == bootstrap_mean(values, seed=3)
 
 
-def test_nothing_to_draw_from() -> None:
+def test_without_frames_there_is_no_interval() -> None:
     for sequences in ([], [np.zeros(0)]):
-        with pytest.raises(AcpLabError, match="nothing to draw"):
+        with pytest.raises(AcpLabError, match="give sequences with frames"):
             bootstrap_mean(sequences)

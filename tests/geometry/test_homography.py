@@ -204,11 +204,11 @@ def test_convex_quads_pass_in_both_directions(quad: FloatArray) -> None:
 @pytest.mark.parametrize(
     ("points", "word"),
     [
-        (LINE, "points 0, 1, 2 are in line"),
-        (np.roll(LINE, 1, axis=0), "points 1, 2, 3 are in line"),
-        (np.roll(LINE, 2, axis=0), "points 0, 2, 3 are in line"),
-        (np.roll(LINE, 3, axis=0), "points 0, 1, 3 are in line"),
-        (SQUARE[[0, 0, 1, 2]], "in line"),
+        (LINE, "points 0, 1, 2 are collinear"),
+        (np.roll(LINE, 1, axis=0), "points 1, 2, 3 are collinear"),
+        (np.roll(LINE, 2, axis=0), "points 0, 2, 3 are collinear"),
+        (np.roll(LINE, 3, axis=0), "points 0, 1, 3 are collinear"),
+        (SQUARE[[0, 0, 1, 2]], "collinear"),
         (SQUARE * 1e-3, "tiny"),
         (np.zeros((4, 2)), "tiny"),
         (BOW_TIE, "folded"),

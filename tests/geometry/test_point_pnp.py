@@ -44,8 +44,8 @@ def test_noise_is_spread_over_the_points(camera: Camera, rng: np.random.Generato
     [
         (POINTS[:3], np.zeros((3, 2)), "needs 4 points, there are 3"),
         (POINTS[:4], np.zeros((3, 2)), r"\(4, 3\) and pixels \(3, 2\)"),
-        (np.outer(np.arange(4.0), [1, 2, 3]), np.eye(4)[:, :2] * 50, "all 4 points lie in one line"),
-        (POINTS[:4], np.outer(np.arange(4.0), [5, 3]), "all 4 pixels lie in one line"),
+        (np.outer(np.arange(4.0), [1, 2, 3]), np.eye(4)[:, :2] * 50, "all 4 points are collinear"),
+        (POINTS[:4], np.outer(np.arange(4.0), [5, 3]), "all 4 pixels are collinear"),
         (POINTS[:4], np.full((4, 2), np.nan), "not finite"),
     ],
 )

@@ -201,9 +201,9 @@ def test_check_rotation_mends_rounding(w: FloatArray, error: float, where: int) 
     r = so3_exp(w)
     rough = r.copy()
     rough.flat[where] += error
-    mended = check_rotation(rough, "test")
-    np.testing.assert_allclose(mended.T @ mended, np.eye(3), atol=1e-14)
-    assert rotation_angle_deg(mended, r) < 0.03
+    cleaned = check_rotation(rough, "test")
+    np.testing.assert_allclose(cleaned.T @ cleaned, np.eye(3), atol=1e-14)
+    assert rotation_angle_deg(cleaned, r) < 0.03
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_float_images_stay_float_and_no_motion_is_the_identity(rng: np.random.Ge
         (SRC, DST[:4], "3 or more"),
         (SRC.ravel(), DST.ravel(), "3 or more"),
         (np.vstack([SRC, SRC[:1]]), np.vstack([DST, DST[:1] + 1.0]), "repeat"),
-        (np.outer(np.arange(4.0), [1.0, 2.0]), SRC[:4], "one line"),
+        (np.outer(np.arange(4.0), [1.0, 2.0]), SRC[:4], "collinear"),
         (np.zeros((4, 2)), SRC[:4], "repeat"),
         (SRC, DST * np.nan, "not finite"),
     ],

@@ -46,7 +46,7 @@ def test_the_story_is_that_of_the_tracker(sequence: AlteredSequence, story: Fram
 
 @pytest.mark.parametrize("number", [-1, 0, 1, 40])
 def test_frames_that_cannot_be_told(sequence: AlteredSequence, number: int) -> None:
-    with pytest.raises(SequenceError, match="cannot be told"):
+    with pytest.raises(SequenceError, match="cannot be shown"):
         frame_story(sample_model(), sequence, number)
 
 

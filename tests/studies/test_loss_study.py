@@ -23,7 +23,7 @@ def test_a_threshold_helps_on_a_real_frame() -> None:
     assert study.median[0, 0] < study.limit < study.median[1, 0]
     assert study.median[0, 1] < study.median[1, 1]
     assert study.found[0, 0] == 1.0
-    assert "30% gone" in str(study)
+    assert "30% removed" in str(study)
     assert "no threshold" in str(study)
 
 

@@ -1,4 +1,4 @@
-"""Accuracy as pictures: errors over the frames, recall over the limit, and tables of methods as dots.
+"""Pictures of accuracy: errors over the frames, recall over the limit, tables of methods as dots.
 
 Convention: ADD(-S) in percent of the diameter; shares of frames in [0, 1].
 """
@@ -53,7 +53,7 @@ def draw_recall(axes: Axes, runs: Mapping[str, FrameErrors], limit_percent: floa
 
 
 def draw_table(axes: Axes, table: Table, title: str) -> None:
-    """A table as dots: means over its groups, full ones within 2% of the diameter, hollow ones within 5%."""
+    """A table as dots: means over its groups, filled ones within 2% of the diameter, hollow ones within 5%."""
     names = [row.name for row in table.rows]
     for place, row in enumerate(table.rows):
         colour = OBJECT_COLOURS[0] if place == 0 else UNKNOWN

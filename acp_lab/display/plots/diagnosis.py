@@ -1,8 +1,8 @@
 """`acp.explain(run, frame)`: why the tracker did badly in a frame, in words and as a picture.
 
-The words are those of `evaluation.diagnosis`. The picture shows the measured image with the part's edges: found
-ones sky blue, missing ones grey, those that something seems to hide vermillion; the tracked edges lie white
-below them. Beside it runs the quality, with the frame and the beginning of the trouble marked.
+The words come from `diagnosis.diagnosis`. The picture shows the measured image with the part's edges: found
+ones sky blue, missing ones grey, probably occluded ones vermillion, the tracked edges white below them. Beside it the
+quality over the run, with the frame and the beginning of the problem marked.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ DPI = 110
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Explanation:
-    """A diagnosis that shows itself: as text, in a notebook with its picture, in a file.
+    """A diagnosis as text, as a picture in a notebook, or in a file.
 
-    diagnosis: what was found out. qualities: (n,) of the whole run.
+    diagnosis: its findings. qualities: (n,) of the whole run.
     """
 
     diagnosis: Diagnosis
@@ -47,7 +47,7 @@ class Explanation:
     def __str__(self) -> str:
         return str(self.diagnosis)
 
-    # Of the diagnosis with all its arrays, it would fill pages, and every notebook that is saved with its outputs.
+    # The default one, with all arrays of the diagnosis, would fill pages.
     __repr__ = __str__
 
     def picture(self) -> bytes:
@@ -65,7 +65,7 @@ class Explanation:
         return png.getvalue()
 
     def save(self, path: str | Path) -> None:
-        """Write the picture; raises InputFileError where that cannot be."""
+        """Write the picture; raises InputFileError where it cannot be written."""
         write_whole(Path(path), self.picture(), "the picture")
 
     def _repr_html_(self) -> str:
@@ -121,7 +121,7 @@ def _draw_image(axes: Axes, diagnosis: Diagnosis) -> None:
         for rows, colour, label in (
             (evidence.found & ~diagnosis.hidden, SKY, f"image edge within {NEAR_PX:g} px"),
             (missing, GREY, "no image edge there"),
-            (diagnosis.hidden, VERMILLION, "gone in one piece"),
+            (diagnosis.hidden, VERMILLION, "missing in one region"),
         ):
             share = f"{100.0 * float(np.mean(rows)):.0f}%: {label}" if len(rows) else label
             _draw_strokes(axes, evidence.points[rows], along[rows], colour, share)

@@ -1,4 +1,4 @@
-"""What an edge point sees when it looks along its normal: grey levels, gradient, and the peaks that compete.
+"""Pictures of the search along an edge point's normal: grey levels, gradient, and the competing peaks.
 
 Convention: px along the normal, 0 at the generated edge point; grey levels 0 to 255.
 """
@@ -62,7 +62,7 @@ def draw_profile(
 
 
 def draw_finding(axes: Axes, studies: dict[str, FindingStudy]) -> None:
-    """The shares of right ways per rule, a group of bars per study; keys of the studies go to the legend."""
+    """The shares of right displacements per rule, a group of bars per study; keys of the studies go to the legend."""
     shades = (POINTS, GENERATED, TRUTH, IMAGE)
     height = 0.8 / len(studies)
     for order, ((name, study), colour) in enumerate(zip(studies.items(), shades, strict=False)):

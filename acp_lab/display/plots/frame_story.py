@@ -1,6 +1,6 @@
-"""Runs beside each other, and one frame taken apart: what notebook 09 draws.
+"""Pictures of runs side by side, and of the stages of one frame: what notebook 09 draws.
 
-Convention: runs are drawn over image ids, so that runs over different frames of one sequence stand in step; px along
+Convention: runs are drawn over image ids, so that runs over different frames of one sequence are aligned; px along
 normals, 0 at the generated edge point.
 """
 
@@ -51,7 +51,7 @@ def draw_runs(
     largest_percent: float = 20.0,
     object_id: int = 1,
 ) -> None:
-    """ADD(-S) and quality of up to six runs; crosses where a run says that it is lost, rings where it says weak.
+    """ADD(-S) and quality of up to six runs; crosses where a run is lost, rings where it is weak.
 
     largest_percent: errors above it are drawn there.
     """
@@ -91,7 +91,7 @@ def _gaps(ids: np.ndarray) -> np.ndarray:
 def draw_found(axes: Axes, observation: Observation, scores: np.ndarray) -> None:
     """The generated edge points, and the image edge that scores best for each; dots as large as their scores.
 
-    scores: (n, m) of the observation's candidates, with or without what the memory says.
+    scores: (n, m) of the observation's candidates, with or without the memory's weight.
     """
     tangents = np.stack([observation.normals[:, 1], -observation.normals[:, 0]], 1)
     draw_strokes(axes, observation.points, tangents, GENERATED, "generated")
@@ -107,7 +107,7 @@ def draw_found(axes: Axes, observation: Observation, scores: np.ndarray) -> None
 def draw_memory(axes: Axes, observation: Observation, row: int, way_px: float) -> None:
     """The candidates of one edge point along its normal: scores of the image alone, and with the memory.
 
-    way_px: where the true edge lies.
+    way_px: place of the true edge along the normal.
     """
     offsets, alone = observation.candidates.offsets[row], observation.candidates.scores[row]
     shown = alone > 0.0

@@ -1,4 +1,4 @@
-"""Pictures of e(I): the losses over the distance, a landscape with the optimiser's ways, and studies of both.
+"""Pictures of e(I): the losses over the distance, a landscape with the optimiser's paths, and studies of both.
 
 Convention: distances and alpha in px; offsets in the units of their coordinates; colours by loss, from `FORM_COLOURS`.
 """
@@ -26,7 +26,7 @@ _BANDS = 24
 
 
 def draw_losses(value_axes: Axes, pull_axes: Axes, forms: Sequence[LossForm], alpha_px: float) -> None:
-    """What an edge point pays, and how hard it is pulled, over its distance; each scaled to its largest value."""
+    """Loss and derivative of an edge point over its distance, each scaled to its largest value."""
     distances = np.linspace(0.0, 2.5 * alpha_px, 400)
     for form in forms:
         loss = edge_loss(form, distances, alpha_px)

@@ -1,4 +1,4 @@
-"""Pictures of control points on their way: one view of the paper's Fig. 1, redundant directions, drifts, descents.
+"""Pictures of moving control points: one view of the paper's Fig. 1, redundant directions, drifts, descents.
 
 Convention: px of the image; errors are ADD(-S) in percent of the part's diameter.
 """

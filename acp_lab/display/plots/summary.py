@@ -45,7 +45,7 @@ class Curves:
 def draw_frame(axes: Axes, image: ByteImage, results: Sequence[TrackResult], title: str = "") -> None:
     """An image (h, w, 3) with generated edges, coloured by residual, and each object's control points.
 
-    The axes are cut to what was tracked; they have no ticks, as in any photograph.
+    The axes are cut to what was tracked; they have no ticks.
     """
     from matplotlib.collections import LineCollection
 
@@ -95,7 +95,7 @@ def draw_curves(axes: Sequence[Axes], objects: Sequence[Curves]) -> None:
 
 
 class SummaryPicture:
-    """Observer that writes a PNG of the run when it ends; on later sessions it is overwritten.
+    """Observer that writes a PNG of the run when it ends; a later session overwrites it.
 
     path: the picture. shown: image ids of the frames to show (about four look best).
     Raises InputFileError when the picture cannot be written.
@@ -114,7 +114,7 @@ class SummaryPicture:
         self._add_percent = {o.object_id: AddPercent(o.part) for o in session.objects}
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
-        """Take down the numbers, and the image where it is to be shown."""
+        """Record the numbers, and the image where it is to be shown."""
         truth = self._session.truth
         for object_id, result in results.items():
             curves = self._curves[object_id]
@@ -189,7 +189,7 @@ def _mark_recall_limits(axis: Axes) -> None:
 
 
 def _limit_times(axis: Axes, objects: Sequence[Curves]) -> None:
-    """Let the first frame, where a tracker takes its time, run off the scale when it would flatten the rest."""
+    """Cut the scale below the time of a slow first frame, which would flatten the rest."""
     later = [value for curves in objects for value in curves.time_ms[1:] if math.isfinite(value)]
     first = [curves.time_ms[0] for curves in objects if curves.time_ms and math.isfinite(curves.time_ms[0])]
     if later and first and max(first) > 2.0 * max(later):
