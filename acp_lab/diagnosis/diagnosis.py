@@ -22,7 +22,7 @@ from acp_lab.diagnosis.causes import Cause, DiagnosisConfig, Finding
 from acp_lab.diagnosis.frame_evidence import EdgeEvidence, PartObserver, image_motion
 from acp_lab.errors import SequenceError
 from acp_lab.evaluation import PartMetric, closest_truth, metric_name
-from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray
 from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -70,7 +70,7 @@ class Diagnosis:
     image: ByteImage | None = None
     evidence: EdgeEvidence | None = None
     measured_at: str = ""
-    hidden: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    hidden: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     found_limit: float = DiagnosisConfig.found_share
 
     @property
@@ -271,7 +271,7 @@ class _Case:
         shown = self.frames.get(number)
         return self.observer.measure(shown.image, shown.camera, self.pose(number)) if isinstance(shown, Frame) else None
 
-    def image(self, evidence: EdgeEvidence, before: EdgeEvidence | None, hidden: np.ndarray) -> list[Finding | None]:
+    def image(self, evidence: EdgeEvidence, before: EdgeEvidence | None, hidden: BoolArray) -> list[Finding | None]:
         """Causes that show in the image: edges that are faint, hidden, changed, outside, or among similar ones."""
         config = self.config
         found = [causes.outside_image(evidence.outside, config)]

@@ -18,7 +18,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import VisibleSamples, project_samples
-from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
@@ -62,7 +62,7 @@ class EdgeEvidence:
         reach_px: search range along the normals.
     """
 
-    sample_ids: np.ndarray
+    sample_ids: IntArray
     points: FloatArray
     normals: FloatArray
     scores: FloatArray
@@ -73,7 +73,7 @@ class EdgeEvidence:
     reach_px: int
 
     @property
-    def found(self) -> np.ndarray:
+    def found(self) -> BoolArray:
         """(n,) bool: there is an image edge where the part has one."""
         return self.scores > FOUND_SCORE
 
@@ -82,11 +82,11 @@ class EdgeEvidence:
         """In [0, 1]; 0 where nothing of the part is in the image."""
         return float(self.found.mean()) if len(self.scores) else 0.0
 
-    def found_share_of(self, rows: np.ndarray) -> float:
+    def found_share_of(self, rows: BoolArray) -> float:
         """Of the points of `rows` (n,) bool alone."""
         return float(self.found[rows].mean()) if rows.any() else 0.0
 
-    def contrast_of(self, rows: np.ndarray) -> float:
+    def contrast_of(self, rows: BoolArray) -> float:
         """Median gradient across the edges of `rows` (n,) bool, grey levels per px; 0 without any."""
         return float(np.median(self.contrasts[rows])) if rows.any() else 0.0
 
@@ -95,7 +95,7 @@ class EdgeEvidence:
         """Mean number of rivals."""
         return float(self.rivals.mean()) if len(self.rivals) else 0.0
 
-    def hidden(self, before: EdgeEvidence | None) -> np.ndarray:
+    def hidden(self, before: EdgeEvidence | None) -> BoolArray:
         """(n,) bool: missing together with nearly all neighbours, although found in an earlier frame.
 
         Weak contrast leaves gaps as well, and a patterned occluder has edges of its own. The colour decides: where
@@ -161,7 +161,7 @@ class PartObserver:
         return TRACKING_LEVELS[0].scaled(float(np.clip(apparent_px / 150.0, 0.5, 1.0))).reach_px
 
 
-def _common(ids: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _common(ids: IntArray, others: IntArray) -> tuple[IntArray, IntArray]:
     """Rows of two lists of sample ids that hold the same ones."""
     _, rows, other_rows = np.intersect1d(ids, others, assume_unique=True, return_indices=True)
     return rows, other_rows

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.errors import AcpLabError
+from acp_lab.geometry.arrays import FloatArray
 
 BLOCK_FRAMES = 10
 
@@ -28,7 +29,7 @@ class Interval:
         return f"{self.mean:.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 
-def bootstrap_mean(sequences: Sequence[np.ndarray], draws: int = 2000, seed: int = 0) -> Interval:
+def bootstrap_mean(sequences: Sequence[FloatArray], draws: int = 2000, seed: int = 0) -> Interval:
     """Mean over sequences of the mean over frames.
 
     Args:

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import so3_exp
 
 
-def centre_position(cam_T_obj: np.ndarray, centre_obj: np.ndarray) -> np.ndarray:
+def centre_position(cam_T_obj: FloatArray, centre_obj: FloatArray) -> FloatArray:
     """(3,) mm: where the object point `centre_obj` (3,) is in the camera frame."""
-    centre: np.ndarray = cam_T_obj[:3, :3] @ centre_obj + cam_T_obj[:3, 3]
+    centre: FloatArray = cam_T_obj[:3, :3] @ centre_obj + cam_T_obj[:3, 3]
     return centre
 
 
-def move_pose(cam_T_obj: np.ndarray, centre_obj: np.ndarray, step: np.ndarray) -> np.ndarray:
+def move_pose(cam_T_obj: FloatArray, centre_obj: FloatArray, step: FloatArray) -> FloatArray:
     """Rotate by step[:3] (rad, camera axes) about the object point `centre_obj` (3,), then shift by step[3:] (mm)."""
     moved = np.eye(4)
     rotation = so3_exp(step[:3]) @ cam_T_obj[:3, :3]
@@ -27,7 +28,7 @@ def move_pose(cam_T_obj: np.ndarray, centre_obj: np.ndarray, step: np.ndarray) -
     return moved
 
 
-def image_directions(points_cam: np.ndarray, normals: np.ndarray, camera: Camera) -> np.ndarray:
+def image_directions(points_cam: FloatArray, normals: FloatArray, camera: Camera) -> FloatArray:
     """(n, 3) a with a . u = motion in px along the image normal when the point moves by u mm (camera axes).
 
     Args:
@@ -41,7 +42,7 @@ def image_directions(points_cam: np.ndarray, normals: np.ndarray, camera: Camera
     return np.stack([ax, ay, az], 1)
 
 
-def step_jacobian(points_cam: np.ndarray, directions: np.ndarray, centre_cam: np.ndarray) -> np.ndarray:
+def step_jacobian(points_cam: FloatArray, directions: FloatArray, centre_cam: FloatArray) -> FloatArray:
     """(n, 6) derivative of the motion along the normal by a pose step (w, v) about `centre_cam` (3,).
 
     `directions` are those of `image_directions`; a . (w x r) = w . (r x a).
@@ -55,7 +56,7 @@ def step_jacobian(points_cam: np.ndarray, directions: np.ndarray, centre_cam: np
     return jacobian
 
 
-def control_point_jacobian(points_cam: np.ndarray, centre_cam: np.ndarray, camera: Camera) -> np.ndarray:
+def control_point_jacobian(points_cam: FloatArray, centre_cam: FloatArray, camera: Camera) -> FloatArray:
     """(8, 6) derivative of the image control points I (x1, y1, ..., y4) by a pose step.
 
     Args:

@@ -23,6 +23,7 @@ from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.motion_pairs import view_frame, visible_rows
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
 from acp_lab.evaluation.metrics import rotation_error_deg
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
@@ -75,8 +76,8 @@ class AmbiguousPair:
             `outline_share` is what inner edges add.
     """
 
-    first_T_obj: np.ndarray
-    second_T_obj: np.ndarray
+    first_T_obj: FloatArray
+    second_T_obj: FloatArray
     turn_deg: float
     outline_share: float
     edges_share: float
@@ -133,7 +134,7 @@ def find_ambiguities(
     return Ambiguities(final_camera, tuple(sorted(found, key=lambda pair: pair.outline_share)))
 
 
-def _pose_seen_from(part: Part, direction_obj: np.ndarray, distance: float) -> np.ndarray:
+def _pose_seen_from(part: Part, direction_obj: FloatArray, distance: float) -> FloatArray:
     region = ALL_REGIONS[choose_region(direction_obj, 0.5 * part.box_size)]
     return view_frame(part, region, direction_obj, distance * part.diameter, 0.0, _SEARCH_SIZE).canonical_T_obj
 
@@ -145,7 +146,7 @@ def _camera(part: Part, distance: float, size: int) -> Camera:
 
 
 def _candidates(
-    part: Part, poses: np.ndarray, profiles: np.ndarray, least_turn_deg: float
+    part: Part, poses: FloatArray, profiles: FloatArray, least_turn_deg: float
 ) -> list[tuple[int, int, int]]:
     """(first view, second view, turn in bins) of the most similar opposite pairs, best first."""
     rolls = 2.0 * np.pi / PROFILE_BINS * np.arange(PROFILE_BINS)
@@ -172,20 +173,20 @@ def _candidates(
     return [(int(a), int(b), int(turns[a, b])) for a, b in pairs]
 
 
-def _same_pair(directions: np.ndarray, one: tuple[int, int], other: tuple[int, int]) -> bool:
+def _same_pair(directions: FloatArray, one: tuple[int, int], other: tuple[int, int]) -> bool:
     near = np.cos(np.radians(_SAME_VIEW_DEG))
     (a, b), (c, d) = directions[list(one)], directions[list(other)]
     return bool((a @ c > near and b @ d > near) or (a @ d > near and b @ c > near))
 
 
 def _refine(
-    part: Part, caster: RayCaster, camera: Camera, target: np.ndarray, start_T_obj: np.ndarray, evaluations: int
-) -> np.ndarray:
+    part: Part, caster: RayCaster, camera: Camera, target: FloatArray, start_T_obj: FloatArray, evaluations: int
+) -> FloatArray:
     """The pose near `start_T_obj` whose outer contour is closest to `target` (n, 2) px, by Nelder-Mead."""
     turn = np.radians(_REFINE_STEP_DEG)
     unit = np.array([turn] * 3 + [turn * part.radius] * 2 + [3.0 * turn * part.radius])
 
-    def apart(step: np.ndarray) -> float:
+    def apart(step: FloatArray) -> float:
         moved = move_pose(start_T_obj, part.box_centre, unit * step)
         return contour_distance(outer_contour(part, caster, camera, moved), target)
 
@@ -200,8 +201,8 @@ def _judge(
     edges: EdgeSamples,
     caster: RayCaster,
     camera: Camera,
-    first_T_obj: np.ndarray,
-    second_T_obj: np.ndarray,
+    first_T_obj: FloatArray,
+    second_T_obj: FloatArray,
     turn_deg: float,
 ) -> AmbiguousPair:
     px_per_diameter = camera.fx * part.diameter / float(transform(first_T_obj, part.box_centre)[2])

@@ -18,6 +18,7 @@ import numpy as np
 from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.evaluation import PartMetric
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.session import PartTracker
@@ -28,7 +29,7 @@ _MOST_VERTICES = 2000
 class Align(Protocol):
     """A way to find the pose of a part in one frame from a start nearby."""
 
-    def __call__(self, frame: Frame, start_T_obj: np.ndarray) -> np.ndarray:
+    def __call__(self, frame: Frame, start_T_obj: FloatArray) -> FloatArray:
         """The pose (4, 4), mm, found from a start pose (4, 4); TrackingError counts as a failure."""
         ...
 
@@ -39,7 +40,7 @@ def align_with(make_tracker: Callable[[], PartTracker], again: int = 0) -> Align
     again: how often the same frame is then tracked again, for trackers that take few steps at the start.
     """
 
-    def align(frame: Frame, start_T_obj: np.ndarray) -> np.ndarray:
+    def align(frame: Frame, start_T_obj: FloatArray) -> FloatArray:
         tracker = make_tracker()
         result = tracker.start(frame, start_T_obj)
         for _ in range(again):
@@ -77,13 +78,13 @@ class Basin:
     """
 
     name: str
-    angles_deg: np.ndarray
-    shifts_mm: np.ndarray
-    errors: np.ndarray
+    angles_deg: FloatArray
+    shifts_mm: FloatArray
+    errors: FloatArray
     limit: float
 
     @property
-    def share(self) -> np.ndarray:
+    def share(self) -> FloatArray:
         """(a, s) share of the trials that were found."""
         return np.asarray((self.errors < self.limit).mean(2))
 
@@ -106,7 +107,7 @@ def basin_of_convergence(
     align: Align,
     part: Part,
     frames: Sequence[Frame],
-    truths: Sequence[np.ndarray],
+    truths: Sequence[FloatArray],
     config: BasinConfig = BasinConfig(),
     name: str = "align",
     seed: int = 0,

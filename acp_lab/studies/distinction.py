@@ -15,7 +15,7 @@ from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, normal_map
 from acp_lab.control_points.motion_pairs import draw_samples, visible_rows
-from acp_lab.geometry.arrays import ByteImage
+from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.imaging.canny import canny
@@ -64,8 +64,8 @@ def tells_apart(
     caster: RayCaster,
     image: ByteImage,
     camera: Camera,
-    right_T_obj: np.ndarray,
-    wrong_T_obj: np.ndarray,
+    right_T_obj: FloatArray,
+    wrong_T_obj: FloatArray,
     cap_share: float = 0.05,
 ) -> Distinction:
     """How well an image distinguishes two poses.
@@ -77,7 +77,7 @@ def tells_apart(
     """
     found = canny(image)
     distances = distance_map(found)
-    image_points = np.argwhere(found)[:, ::-1]
+    image_points = np.argwhere(found)[:, ::-1].astype(np.int64)
     measures = []
     for pose in (right_T_obj, wrong_T_obj):
         depth = float(transform(pose, part.box_centre)[2])
@@ -96,7 +96,7 @@ def tells_apart(
     return Distinction(*(Contest(right, wrong) for right, wrong in zip(*measures, strict=True)))
 
 
-def shaded_picture(part: Part, caster: RayCaster, camera: Camera, cam_T_obj: np.ndarray) -> ByteImage:
+def shaded_picture(part: Part, caster: RayCaster, camera: Camera, cam_T_obj: FloatArray) -> ByteImage:
     """A plain grey picture (h, w) uint8 of the part at a pose (4, 4), by rays: matt, lit from the upper left."""
     normals = normal_map(part, caster, camera, cam_T_obj)
     light = np.array([-0.5, -0.6, -0.62])
@@ -104,14 +104,14 @@ def shaded_picture(part: Part, caster: RayCaster, camera: Camera, cam_T_obj: np.
     return np.where(normals.any(2), np.minimum(shade, 255.0), 20.0).astype(np.uint8)
 
 
-def _inside(contour: np.ndarray, points: np.ndarray, camera: Camera) -> np.ndarray:
+def _inside(contour: FloatArray, points: IntArray, camera: Camera) -> BoolArray:
     """(n,) bool: which of the pixels (n, 2) lie within a contour or on it."""
     filled = np.zeros((camera.height, camera.width), np.uint8)
     cv2.fillPoly(filled, [np.round(contour).astype(np.int32)], 1)
     return np.asarray(filled[points[:, 1], points[:, 0]] > 0)
 
 
-def _mean_distance(distances: np.ndarray, points: np.ndarray, cap: float) -> float:
+def _mean_distance(distances: Float32Array, points: FloatArray | IntArray, cap: float) -> float:
     """Mean of the capped distances at the pixels of points (n, 2); outside the image counts as the cap.
 
     Without any point it is the cap: a pose that shows nothing fits nothing.

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from acp_lab.errors import SequenceError
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
@@ -58,12 +58,12 @@ class FrameStory:
         moved = self._truth.project(rows, cam_T_obj, camera).points
         return float(np.abs(((moved - really.points) * really.normals).sum(1)).mean())
 
-    def is_right(self, scores: np.ndarray) -> np.ndarray:
+    def is_right(self, scores: BoolArray) -> BoolArray:
         """(n,) bool: whether the candidate with the highest of scores (n, m) is the edge point's own image edge."""
         best = scores.argmax(1)[:, None]
         offset = np.take_along_axis(self.observation.candidates.offsets, best, 1)[:, 0]
         has_one = np.take_along_axis(scores, best, 1)[:, 0] > 0.0
-        right: np.ndarray = has_one & (np.abs(offset - self.way_px) < RIGHT_PX)
+        right: BoolArray = has_one & (np.abs(offset - self.way_px) < RIGHT_PX)
         return right
 
 

@@ -63,7 +63,7 @@ class LossStudy:
 
     names: tuple[str, ...]
     erased: tuple[float, ...]
-    errors: np.ndarray
+    errors: FloatArray
     limit: float
 
     @property

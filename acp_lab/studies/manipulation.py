@@ -24,7 +24,7 @@ from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, generate_edges, project_samples
 from acp_lab.generator.painted.edge_points import RIDGE_THRESHOLD, ridge
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import homography_from_points
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
@@ -182,7 +182,7 @@ def _warped(edges: GeneratedEdges, warp: Warp) -> GeneratedEdges:
     return GeneratedEdges(points[good], tangents, edges.weights[good], edges.sample_ids[good])
 
 
-def _projected(edges: EdgeSamples, rows: np.ndarray, cam_T_obj: FloatArray, camera: Camera) -> GeneratedEdges:
+def _projected(edges: EdgeSamples, rows: IntArray, cam_T_obj: FloatArray, camera: Camera) -> GeneratedEdges:
     everything = VisibleSamples(rows, np.zeros(len(rows), bool), np.ones(len(rows)))
     return project_samples(edges, everything, cam_T_obj, camera)
 

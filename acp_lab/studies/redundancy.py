@@ -15,7 +15,7 @@ import numpy as np
 
 from acp_lab.cad.part import Part
 from acp_lab.evaluation import PartMetric
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import control_point_jacobian
@@ -54,7 +54,7 @@ class Drift:
     """How far a run moved from what a rigid part can show. frame_ids, misfits_px, errors (ADD(-S) as
     share of the diameter): (n,)."""
 
-    frame_ids: np.ndarray
+    frame_ids: IntArray
     misfits_px: FloatArray
     errors: FloatArray
 

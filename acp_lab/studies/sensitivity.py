@@ -28,6 +28,7 @@ from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.motion_pairs import view_frame, visible_rows
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region, sphere_directions
 from acp_lab.generator.base import image_tangents
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import homography_points_jacobian
 from acp_lab.geometry.pose import transform
@@ -82,39 +83,39 @@ class Behaviour:
 
     name: str
     parameters: tuple[str, ...]
-    sensitivity: np.ndarray
-    condition: np.ndarray
-    truths: np.ndarray
-    gradients: np.ndarray
-    steps: np.ndarray
+    sensitivity: FloatArray
+    condition: FloatArray
+    truths: FloatArray
+    gradients: FloatArray
+    steps: FloatArray
 
     @property
-    def gradient_cosine(self) -> np.ndarray:
+    def gradient_cosine(self) -> FloatArray:
         """(v, m) cosine of the angle between gradient and true change; 1 is perfect, below 0 points away."""
         return _cosine(self.gradients, self.truths)
 
     @property
-    def step_cosine(self) -> np.ndarray:
+    def step_cosine(self) -> FloatArray:
         """(v, m) the same for the Gauss-Newton step."""
         return _cosine(self.steps, self.truths)
 
     @property
-    def gradient_signs(self) -> np.ndarray:
+    def gradient_signs(self) -> FloatArray:
         """(v, m) share of the parameters that the gradient moves to the right side."""
         return _sign_agreement(self.gradients, self.truths)
 
     @property
-    def step_signs(self) -> np.ndarray:
+    def step_signs(self) -> FloatArray:
         """(v, m) the same for the Gauss-Newton step."""
         return _sign_agreement(self.steps, self.truths)
 
     @property
-    def spread(self) -> np.ndarray:
+    def spread(self) -> FloatArray:
         """(v,) largest over smallest sensitivity of one view's parameters."""
         return np.asarray(self.sensitivity.max(1) / np.maximum(self.sensitivity.min(1), 1e-12))
 
     @property
-    def variation(self) -> np.ndarray:
+    def variation(self) -> FloatArray:
         """(p,) how much the sensitivity of each parameter changes with the view: 95% over 5% quantile."""
         low, high = np.quantile(self.sensitivity, [0.05, 0.95], axis=0)
         return np.asarray(high / np.maximum(low, 1e-12))
@@ -130,8 +131,8 @@ class SensitivityStudy:
         sets: the four behaviours.
     """
 
-    directions_obj: np.ndarray
-    motions: np.ndarray
+    directions_obj: FloatArray
+    motions: FloatArray
     sets: tuple[Behaviour, ...]
 
     def __getitem__(self, name: str) -> Behaviour:
@@ -162,7 +163,7 @@ def sensitivity_study(
     edges: EdgeSamples,
     caster: RayCaster,
     config: SensitivityConfig = SensitivityConfig(),
-    control_points: Mapping[int, np.ndarray] | None = None,
+    control_points: Mapping[int, FloatArray] | None = None,
     seed: int = 0,
 ) -> SensitivityStudy:
     """Compute Figure 1 for a part.
@@ -186,7 +187,7 @@ def sensitivity_study(
     )
 
 
-def _motions(config: SensitivityConfig, rng: np.random.Generator) -> np.ndarray:
+def _motions(config: SensitivityConfig, rng: np.random.Generator) -> FloatArray:
     """(v, m, 6): each pose parameter alone, then random ones of both kinds."""
     turn = math.radians(config.turn_deg)
     alone = np.diag([turn] * 3 + [config.shift_mm] * 3)
@@ -201,9 +202,9 @@ def _study_view(
     edges: EdgeSamples,
     caster: RayCaster,
     config: SensitivityConfig,
-    direction_obj: np.ndarray,
-    motions: np.ndarray,
-    control_points: Mapping[int, np.ndarray],
+    direction_obj: FloatArray,
+    motions: FloatArray,
+    control_points: Mapping[int, FloatArray],
 ) -> list[Behaviour]:
     """The four behaviours in one view, without the leading axis of views."""
     region = ALL_REGIONS[choose_region(direction_obj, 0.5 * part.box_size)]
@@ -241,7 +242,7 @@ def _study_view(
 
 
 def _behaviour(
-    name: str, parameters: tuple[str, ...], jacobian: np.ndarray, truths: np.ndarray, residuals: np.ndarray
+    name: str, parameters: tuple[str, ...], jacobian: FloatArray, truths: FloatArray, residuals: FloatArray
 ) -> Behaviour:
     """One view: jacobian (n, p), truths (m, p), residuals (m, n)."""
     values = np.linalg.svd(jacobian, compute_uv=False)
@@ -264,12 +265,12 @@ def _stack(views: list[Behaviour]) -> Behaviour:
     )
 
 
-def _cosine(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def _cosine(found: FloatArray, truth: FloatArray) -> FloatArray:
     length = np.linalg.norm(found, axis=-1) * np.linalg.norm(truth, axis=-1)
     return np.asarray((found * truth).sum(-1) / np.maximum(length, 1e-300))
 
 
-def _sign_agreement(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def _sign_agreement(found: FloatArray, truth: FloatArray) -> FloatArray:
     """Parameters that hardly change (below a thousandth of the largest) have no side to be on."""
     moves = np.abs(truth) > 1e-3 * np.abs(truth).max(-1, keepdims=True)
     right = (np.sign(found) == np.sign(truth)) & moves

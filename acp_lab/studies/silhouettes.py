@@ -15,6 +15,7 @@ import numpy as np
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, hit_map
 from acp_lab.errors import GeometryError
+from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp
 
@@ -23,8 +24,8 @@ PROFILE_BINS = 72
 
 
 def outer_contour(
-    part: Part, caster: RayCaster, camera: Camera, cam_T_obj: np.ndarray, count: int = CONTOUR_POINTS
-) -> np.ndarray:
+    part: Part, caster: RayCaster, camera: Camera, cam_T_obj: FloatArray, count: int = CONTOUR_POINTS
+) -> FloatArray:
     """The outer contour of the part at a pose (4, 4), by rays: (count, 2) px.
 
     Raises GeometryError when the part is not in the image.
@@ -33,7 +34,7 @@ def outer_contour(
     return mask_contour(face >= 0, count)
 
 
-def mask_contour(mask: np.ndarray, count: int = CONTOUR_POINTS) -> np.ndarray:
+def mask_contour(mask: BoolArray, count: int = CONTOUR_POINTS) -> FloatArray:
     """The outer contour of the largest region of a mask (h, w) bool: (count, 2) px.
 
     It runs through the outermost pixels' centres. Raises GeometryError for an empty mask.
@@ -48,7 +49,7 @@ def mask_contour(mask: np.ndarray, count: int = CONTOUR_POINTS) -> np.ndarray:
     return np.stack([np.interp(at, lengths, closed[:, k]) for k in range(2)], 1)
 
 
-def radial_profile(contour: np.ndarray) -> np.ndarray:
+def radial_profile(contour: FloatArray) -> FloatArray:
     """(PROFILE_BINS,) how far the contour reaches in each direction from its middle, scaled to mean square 1.
 
     A turn of the contour is a cyclic shift of the profile. Empty directions take their neighbours' value.
@@ -64,7 +65,7 @@ def radial_profile(contour: np.ndarray) -> np.ndarray:
     return np.asarray(profile / np.sqrt((profile**2).mean()))
 
 
-def profile_distances(profile: np.ndarray, others: np.ndarray) -> np.ndarray:
+def profile_distances(profile: FloatArray, others: FloatArray) -> FloatArray:
     """(k, PROFILE_BINS) mean squared difference between a profile (b,) and each of others (k, b), turned.
 
     Column j turns the other contour by +j bins (from x towards y).
@@ -83,13 +84,13 @@ class ImageAlignment:
     source: tuple[float, float]
     target: tuple[float, float]
 
-    def apply(self, points: np.ndarray) -> np.ndarray:
+    def apply(self, points: FloatArray) -> FloatArray:
         """Points (n, 2) px, moved."""
         c, s = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        turned: np.ndarray = (points - self.source) @ np.array([[c, s], [-s, c]]) * self.scale + self.target
+        turned: FloatArray = (points - self.source) @ np.array([[c, s], [-s, c]]) * self.scale + self.target
         return turned
 
-    def of_pose(self, cam_T_obj: np.ndarray, centre_obj: np.ndarray, camera: Camera) -> np.ndarray:
+    def of_pose(self, cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera) -> FloatArray:
         """The pose (4, 4) whose image is about the moved one: rolled, shifted and brought nearer or further.
 
         Exact for a part much smaller than its distance. centre_obj: (3,) mm, which is moved exactly.
@@ -101,7 +102,7 @@ class ImageAlignment:
         return make_pose(rolled, moved_cam - rolled @ centre_obj)
 
 
-def align_contours(contour: np.ndarray, target: np.ndarray, turn_bins: int) -> ImageAlignment:
+def align_contours(contour: FloatArray, target: FloatArray, turn_bins: int) -> ImageAlignment:
     """The similarity that lays a contour on a target, near a known turn of `turn_bins` profile bins.
 
     Middles meet, the mean square radii agree, and the turn is the best of those within one bin.
@@ -116,7 +117,7 @@ def align_contours(contour: np.ndarray, target: np.ndarray, turn_bins: int) -> I
     return min(trials, key=lambda trial: contour_distance(trial.apply(contour), target))
 
 
-def contour_distance(first: np.ndarray, second: np.ndarray) -> float:
+def contour_distance(first: FloatArray, second: FloatArray) -> float:
     """Mean distance, both ways, between two contours' points (n, 2) and (m, 2), px."""
     apart = np.linalg.norm(first[:, None] - second[None], axis=2)
     return 0.5 * float(apart.min(1).mean() + apart.min(0).mean())

@@ -14,7 +14,7 @@ from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges, VisibleSamples, project_samples
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 
 
@@ -30,7 +30,7 @@ class TrueEdges:
         self.edges = sample_edges(part) if edges is None else edges
         self.caster = make_caster(part)
 
-    def rows(self, cam_T_obj: FloatArray) -> np.ndarray:
+    def rows(self, cam_T_obj: FloatArray) -> IntArray:
         """(k,) rows of the edge samples that are seen at a pose (4, 4), in their stable order."""
         offset_mm = RAY_OFFSET_IN_DIAMETERS * self.part.diameter
         return np.flatnonzero(visible_samples(self.edges, self.caster, eye_position(cam_T_obj), offset_mm))
@@ -39,7 +39,7 @@ class TrueEdges:
         """The edge points that are seen at a pose (4, 4), in the image of a camera, weights 1."""
         return self.project(self.rows(cam_T_obj), cam_T_obj, camera)
 
-    def project(self, rows: np.ndarray, cam_T_obj: FloatArray, camera: Camera) -> GeneratedEdges:
+    def project(self, rows: IntArray, cam_T_obj: FloatArray, camera: Camera) -> GeneratedEdges:
         """Chosen samples (k,), seen or not, in the image of a camera: how the same edges move with the pose."""
         chosen = VisibleSamples(rows, np.zeros(len(rows), bool), np.ones(len(rows)))
         return project_samples(self.edges, chosen, cam_T_obj, camera)

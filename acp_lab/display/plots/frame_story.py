@@ -15,7 +15,7 @@ from acp_lab.display.accuracy import AddPercent
 from acp_lab.display.look import GENERATED, IMAGE, POINTS, START, TRUTH, UNKNOWN, WRONG
 from acp_lab.display.pictures import draw_strokes
 from acp_lab.errors import SequenceError
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.tracking.alignment import Observation
 from acp_lab.tracking.observer import TrackState
 from acp_lab.tracking.session import TrackRun
@@ -81,14 +81,14 @@ def draw_runs(
     quality_axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 
 
-def _gaps(ids: np.ndarray) -> np.ndarray:
+def _gaps(ids: IntArray) -> IntArray:
     """Places in front of which images are missing: steps of more than twice the usual one."""
     steps = np.diff(ids)
-    gaps: np.ndarray = np.flatnonzero(steps > 2.0 * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
+    gaps: IntArray = np.flatnonzero(steps > 2.0 * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
     return gaps
 
 
-def draw_found(axes: Axes, observation: Observation, scores: np.ndarray) -> None:
+def draw_found(axes: Axes, observation: Observation, scores: FloatArray) -> None:
     """The generated edge points, and the image edge that scores best for each; dots as large as their scores.
 
     scores: (n, m) of the observation's candidates, with or without the memory's weight.

@@ -14,6 +14,7 @@ from acp_lab.display.colours import OBJECT_COLOURS, residual_colours
 from acp_lab.display.look import START, UNKNOWN, WRONG, Colour
 from acp_lab.display.pictures import draw_strokes
 from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.studies.landscape import Descent, LossSlice
 from acp_lab.studies.loss_study import LossStudy
 from acp_lab.tracking.losses import LOSS_FORMS, LossForm, edge_loss
@@ -54,7 +55,7 @@ def draw_printed(axes: Axes, alpha_px: float, limit: float = 12.0) -> None:
     axes.set_ylabel("1 / (1 - exp(D - α))")
 
 
-def draw_distances(axes: Axes, edges: GeneratedEdges, distances_px: np.ndarray) -> None:
+def draw_distances(axes: Axes, edges: GeneratedEdges, distances_px: FloatArray) -> None:
     """Edge points in the colour of their distance (n,) px: sky blue on an image edge, vermillion 3 px away or more."""
     draw_strokes(axes, edges.points, edges.tangents, residual_colours(distances_px), width=1.8)
 

@@ -13,13 +13,14 @@ import numpy as np
 from acp_lab.display.colours import OBJECT_COLOURS
 from acp_lab.display.look import GENERATED, TRUTH, UNKNOWN
 from acp_lab.display.pictures import cut_to, draw_edges, draw_quad
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.studies.manipulation import Manipulated, ManipulationStudy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def draw_way(axes: Axes, way: Manipulated, study: ManipulationStudy, control_points: np.ndarray) -> None:
+def draw_way(axes: Axes, way: Manipulated, study: ManipulationStudy, control_points: FloatArray) -> None:
     """One way's edges over the true ones, and I (4, 2); the title tells its Chamfer distance."""
     draw_edges(axes, study.truth, TRUTH, "truth at the PnP pose", 3.0)
     draw_edges(axes, way.edges, GENERATED, "manipulated", 1.2)
@@ -33,14 +34,14 @@ def draw_way(axes: Axes, way: Manipulated, study: ManipulationStudy, control_poi
     axes.set_title(f"{way.name}\n{distance}")
 
 
-def draw_ways(axes: Sequence[Axes], study: ManipulationStudy, control_points: np.ndarray) -> None:
+def draw_ways(axes: Sequence[Axes], study: ManipulationStudy, control_points: FloatArray) -> None:
     """All ways of a study side by side, one on each of the axes."""
     for axis, way in zip(axes, study.ways, strict=False):
         draw_way(axis, way, study, control_points)
     axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 0.0), ncols=2)
 
 
-def draw_growth(axes: Axes, amounts: np.ndarray, distances_px: Mapping[str, Sequence[float]], unit: str) -> None:
+def draw_growth(axes: Axes, amounts: FloatArray, distances_px: Mapping[str, Sequence[float]], unit: str) -> None:
     """Chamfer distance in px of each way over the amount of a motion (n,); unit: of the amounts."""
     # Homography and spline often lie on each other: the later ones are thinner.
     for order, (name, values) in enumerate(distances_px.items()):

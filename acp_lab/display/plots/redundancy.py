@@ -14,6 +14,7 @@ from acp_lab.display.colours import OBJECT_COLOURS
 from acp_lab.display.look import GENERATED, POINTS, UNKNOWN, Colour
 from acp_lab.display.pictures import draw_quad
 from acp_lab.display.plots.sensitivity import draw_change_table
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.studies.redundancy import Drift
 from acp_lab.studies.sensitivity import SensitivityStudy
 
@@ -40,7 +41,7 @@ def draw_view(axes: Sequence[Axes], study: SensitivityStudy, view: int, what: st
         draw_change_table(axis, study[name], view, values, title)
 
 
-def draw_directions(axes: Axes, control_points: np.ndarray, step: np.ndarray, colour: Colour = GENERATED) -> None:
+def draw_directions(axes: Axes, control_points: FloatArray, step: FloatArray, colour: Colour = GENERATED) -> None:
     """A quad, and arrows along a step (8,) px of its points."""
     moved = control_points + step.reshape(4, 2)
     draw_quad(axes, control_points, POINTS)
@@ -63,7 +64,7 @@ def draw_drifts(misfit_axes: Axes, error_axes: Axes, drifts: Mapping[str, Drift]
     error_axes.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")
 
 
-def draw_descents(axes: Axes, descents: Mapping[str, np.ndarray], steps_per_level: int) -> None:
+def draw_descents(axes: Axes, descents: Mapping[str, FloatArray], steps_per_level: int) -> None:
     """ADD(-S) (k,) as share of the diameter after each step, from the start; lines where alpha gets smaller."""
     longest = 0
     for (name, errors), colour in zip(descents.items(), OBJECT_COLOURS, strict=False):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from acp_lab.display.colours import BLUE, GREEN, GREY, ORANGE, PURPLE
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.studies.sensitivity import ALONE, POSE_NAMES, Behaviour, SensitivityStudy
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def draw_cosines(axes: Axes, study: SensitivityStudy, what: str, title: str) -> 
     axes.grid(axis="y", alpha=0.3)
 
 
-def _boxes(axes: Axes, groups: list[np.ndarray], places: range, colours: Any) -> None:
+def _boxes(axes: Axes, groups: list[FloatArray], places: range, colours: Any) -> None:
     """Boxes from quartile to quartile, whiskers from 5 to 95%."""
     drawn = axes.boxplot(groups, positions=list(places), widths=0.6, whis=(5, 95), showfliers=False, patch_artist=True)
     for box, colour in zip(drawn["boxes"], colours, strict=True):
