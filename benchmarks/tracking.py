@@ -1,7 +1,7 @@
 """Track every scene of BOP data sets from truth and from disturbed starts; print Markdown tables.
 
 One process, one thread, the tracker's defaults. Frames are decoded before the clock of a frame starts.
-Example: python -m benchmarks.tracking path/to/dataset --parts out/parts --noise-seeds 10
+Example: python -m benchmarks.tracking path/to/dataset --parts out/parts --noise 0.5,0.5 --noise 5,5 --seeds 10
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ if TYPE_CHECKING:
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset, BopScene
 
-NOISE_DEG, NOISE_MM = 5.0, 5.0
+RECALLS = ("recall_2", "recall_5", "recall_10")
+UNITS = {
+    "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter",
+    "add": "% of the diameter, median over frames",
+    "lost": "runs with ADD above 30% of the diameter in any frame",
+    "runs": "runs",
+    "ms": "ms per frame, median",
+}
 
 
 @dataclass(frozen=True)
@@ -74,10 +81,36 @@ def print_table(title: str, rows: list[Row]) -> None:
     )
 
 
+def kept(rows: list[Row]) -> dict[str, float]:
+    """Several runs as fields of an entry of measured numbers: means, and the median time."""
+    scores = {key.replace("recall_", "@"): mean(getattr(row, key) for row in rows) for key in RECALLS}
+    add, ms = mean(row.add_percent for row in rows), median(row.ms for row in rows)
+    return {**scores, "add": add, "lost": sum(row.lost for row in rows), "runs": len(rows), "ms": ms}
+
+
+def keep(dataset: BopDataset, start: str, by_scene: dict[str, list[Row]]) -> None:
+    """Store the runs from one kind of start, per scene and pooled."""
+    from acp_lab.sample import sample_dataset
+    from benchmarks.measured import record
+
+    data = "sample" if dataset.root.samefile(sample_dataset()) else dataset.name
+    everything = [row for rows in by_scene.values() for row in rows]
+    values = {name: kept(rows) for name, rows in by_scene.items()} | {"all": kept(everything)}
+    name = f"acp.{data}" if start == "truth" else f"acp.{data}.{start}"
+    off = "the true first pose" if start == "truth" else f"poses {start.replace('deg', ' degrees and ')} off"
+    record(name, f"acp from {off}, per scene and over all runs; first frame left out, no resets", UNITS,
+           f"{data}: {len(by_scene)} sequence(s)", values)
+
+
 def _recalls(rows: list[Row], separator: str) -> str:
     return separator.join(
-        f"{mean(getattr(row, key) for row in rows):.2f}" for key in ("recall_2", "recall_5", "recall_10")
+        f"{mean(getattr(row, key) for row in rows):.2f}" for key in RECALLS
     )
+
+
+def _noise(text: str) -> tuple[float, float]:
+    degrees, mm = map(float, text.split(","))
+    return degrees, mm
 
 
 def main() -> None:
@@ -86,7 +119,11 @@ def main() -> None:
     parser.add_argument("datasets", nargs="+", type=Path)
     parser.add_argument("--parts", type=Path, required=True, help="folder for prepared parts, one folder per data set")
     parser.add_argument("--generator", default="both", choices=("templates", "both"))
-    parser.add_argument("--noise-seeds", type=int, default=0, help="further runs from starts 5 deg and 5 mm off")
+    parser.add_argument(
+        "--noise", type=_noise, action="append", default=[], metavar="DEG,MM", help="more runs, from starts so far off"
+    )
+    parser.add_argument("--seeds", type=int, default=10, help="directions of each noise")
+    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     # Before NumPy is imported: its linear algebra reads the number of threads once.
     machine.limit_threads(1)
@@ -94,32 +131,30 @@ def main() -> None:
 
     from acp_lab.geometry.pose import disturb_pose
     from acp_lab.preparation import prepare
-    from acp_lab.prepared_part import PrepareOptions
     from acp_lab.sequences.bop import BopDataset
 
     print(f"CPU: {machine.cpu_model()}; one thread")
     for root in options.datasets:
         dataset = BopDataset(root)
-        exact: list[Row] = []
-        noisy: dict[int, list[Row]] = {seed: [] for seed in range(options.noise_seeds)}
+        runs: dict[str, dict[str, list[Row]]] = {"truth": {}}
         for scene_id in dataset.scenes():
             scene = dataset.open_scene(scene_id)
             for object_id, pose in scene.first_poses.items():
                 part = dataset.part(object_id)
                 model = prepare(part, PrepareOptions(generator=options.generator), out=options.parts / dataset.name)
-                exact.append(track_scene(dataset, scene, model, object_id, pose))
-                for seed, rows in noisy.items():
-                    rng = np.random.default_rng([seed, scene_id, object_id])
-                    start = disturb_pose(pose, part.box_centre, NOISE_DEG, NOISE_MM, rng)
-                    rows.append(track_scene(dataset, scene, model, object_id, start))
-        print_table(f"{dataset.name}, started from truth", exact)
-        if noisy:
-            runs = [row for rows in noisy.values() for row in rows]
-            lost = sum(row.lost for row in runs)
-            print(
-                f"\nStarted {NOISE_DEG:g} degrees and {NOISE_MM:g} mm off, seeds 0-{options.noise_seeds - 1}: "
-                f"{len(runs) - lost} of {len(runs)} runs never lost; mean @2/5/10% {_recalls(runs, ' / ')}."
-            )
+                name = f"{scene_id}" if len(scene.first_poses) == 1 else f"{scene_id}, {object_id}"
+                runs["truth"][name] = [track_scene(dataset, scene, model, object_id, pose)]
+                for degrees, mm in options.noise:
+                    rows = runs.setdefault(f"{degrees:g}deg{mm:g}mm", {}).setdefault(name, [])
+                    for seed in range(options.seeds):
+                        rng = np.random.default_rng([seed, scene_id, object_id])
+                        start = disturb_pose(pose, part.box_centre, degrees, mm, rng)
+                        rows.append(track_scene(dataset, scene, model, object_id, start))
+        for start_name, by_scene in runs.items():
+            rows = [row for found in by_scene.values() for row in found]
+            print_table(f"{dataset.name}, started from {start_name}", rows)
+            if options.record:
+                keep(dataset, start_name, by_scene)
     print(f"\nPeak memory of this process: {machine.peak_memory_mb():.0f} MB")
 
 
