@@ -6,7 +6,7 @@ An entry is one measurement under a key such as "acp.metal_public":
     unit      of the values: one for all, or one per field ("@*" for the fields "@2", "@5", "@10")
     command   how to measure it again
     data      on what
-    commit    of the code that ran; "+" behind it: with changes that were not committed
+    commit    the last one that changed acp_lab; "+" behind it: with changes that were not committed
     machine   processor, cores, threads; for times this matters
     date      year-month-day
     values    numbers, lists of numbers or rows of named fields, by name
@@ -145,19 +145,32 @@ def _command() -> str:
     """The command line as it may be typed elsewhere: paths without the folders of this machine."""
     main = sys.modules["__main__"]
     name = main.__spec__.name if main.__spec__ else Path(sys.argv[0]).name
-    words = [Path(word).name if os.sep in word else word for word in sys.argv[1:] if word != "--record"]
+    words = [_portable(word) for word in sys.argv[1:] if word != "--record"]
     return " ".join(["python -m", name, *words])
 
 
+def _portable(word: str) -> str:
+    """A path without the folders of this machine; within the project as seen from its root."""
+    if os.sep not in word:
+        return word
+    path = Path(word).resolve()
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else path.name
+
+
 def _commit() -> str:
+    """The last commit that changed the package."""
+
     def git(*words: str) -> str:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
 
     try:
-        return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain", "acp_lab") else "")
+        last = git("log", "-1", "--format=%h", "--", "acp_lab")
+        return last + ("+" if git("status", "--porcelain", "acp_lab") else "")
     except (OSError, subprocess.SubprocessError):
         return "unknown"
 
 
 def _machine() -> str:
-    return f"{machine.cpu_model()}, {machine.cores()} cores, {os.environ.get('OMP_NUM_THREADS', 'several')} thread(s)"
+    threads = os.environ.get("OMP_NUM_THREADS", "")
+    used = {"": "threads not limited", "1": "one thread"}.get(threads, f"{threads} threads")
+    return f"{machine.cpu_model()}, {machine.cores()} cores, {used}"

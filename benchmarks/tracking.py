@@ -88,18 +88,22 @@ def kept(rows: list[Row]) -> dict[str, float]:
     return {**scores, "add": add, "lost": sum(row.lost for row in rows), "runs": len(rows), "ms": ms}
 
 
-def keep(dataset: BopDataset, start: str, by_scene: dict[str, list[Row]]) -> None:
-    """Store the runs from one kind of start, per scene and pooled."""
+def keep(dataset: BopDataset, noise: tuple[float, float] | None, by_scene: dict[str, list[Row]]) -> None:
+    """Store the runs from one kind of start, per scene and over all."""
     from acp_lab.sample import sample_dataset
     from benchmarks.measured import record
 
-    data = "sample" if dataset.root.samefile(sample_dataset()) else dataset.name
+    name = "sample" if dataset.root.samefile(sample_dataset()) else dataset.name
     everything = [row for rows in by_scene.values() for row in rows]
-    values = {name: kept(rows) for name, rows in by_scene.items()} | {"all": kept(everything)}
-    name = f"acp.{data}" if start == "truth" else f"acp.{data}.{start}"
-    off = "the true first pose" if start == "truth" else f"poses {start.replace('deg', ' degrees and ')} off"
-    record(name, f"acp from {off}, per scene and over all runs; first frame left out, no resets", UNITS,
-           f"{data}: {len(by_scene)} sequence(s)", values)
+    values = {scene: kept(rows) for scene, rows in by_scene.items()} | {"all": kept(everything)}
+    start = f"poses {noise[0]:g} degrees and {noise[1]:g} mm off" if noise else "the true first pose"
+    about = f"acp from {start}, per scene and over all runs; first frame left out, no resets"
+    data = f"{name}: {len(by_scene)} sequence(s), {len(everything) // len(by_scene)} start(s) each"
+    record(f"acp.{name}{_suffix(noise)}", about, UNITS, data, values)
+
+
+def _suffix(noise: tuple[float, float] | None) -> str:
+    return f".{noise[0]:g}deg{noise[1]:g}mm" if noise else ""
 
 
 def _recalls(rows: list[Row], separator: str) -> str:
@@ -136,25 +140,25 @@ def main() -> None:
     print(f"CPU: {machine.cpu_model()}; one thread")
     for root in options.datasets:
         dataset = BopDataset(root)
-        runs: dict[str, dict[str, list[Row]]] = {"truth": {}}
+        runs: dict[tuple[float, float] | None, dict[str, list[Row]]] = {None: {}}
         for scene_id in dataset.scenes():
             scene = dataset.open_scene(scene_id)
             for object_id, pose in scene.first_poses.items():
                 part = dataset.part(object_id)
                 model = prepare(part, PrepareOptions(generator=options.generator), out=options.parts / dataset.name)
                 name = f"{scene_id}" if len(scene.first_poses) == 1 else f"{scene_id}, {object_id}"
-                runs["truth"][name] = [track_scene(dataset, scene, model, object_id, pose)]
-                for degrees, mm in options.noise:
-                    rows = runs.setdefault(f"{degrees:g}deg{mm:g}mm", {}).setdefault(name, [])
+                runs[None][name] = [track_scene(dataset, scene, model, object_id, pose)]
+                for noise in options.noise:
+                    rows = runs.setdefault(noise, {}).setdefault(name, [])
                     for seed in range(options.seeds):
                         rng = np.random.default_rng([seed, scene_id, object_id])
-                        start = disturb_pose(pose, part.box_centre, degrees, mm, rng)
+                        start = disturb_pose(pose, part.box_centre, *noise, rng)
                         rows.append(track_scene(dataset, scene, model, object_id, start))
-        for start_name, by_scene in runs.items():
-            rows = [row for found in by_scene.values() for row in found]
-            print_table(f"{dataset.name}, started from {start_name}", rows)
+        for noise, by_scene in runs.items():
+            title = f"starts {noise[0]:g} degrees and {noise[1]:g} mm off" if noise else "started from truth"
+            print_table(f"{dataset.name}, {title}", [row for found in by_scene.values() for row in found])
             if options.record:
-                keep(dataset, start_name, by_scene)
+                keep(dataset, noise, by_scene)
     print(f"\nPeak memory of this process: {machine.peak_memory_mb():.0f} MB")
 
 
