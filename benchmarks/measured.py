@@ -102,12 +102,13 @@ def record(
 
 
 def rows_of(entries: dict[str, Entry], path: str) -> list[list[tuple[float, str]]]:
-    """Rows of (value, unit) at "key", "key/row" or "key/row/field"; row and field may hold * and ?.
+    """Rows of (value, unit) at "key", "key/row" or "key/row/field+field".
 
-    Raises MeasuredError where nothing is found.
+    Row and field may hold * and ?; several fields come in the order in which they are asked for. Raises MeasuredError
+    where nothing is found.
     """
     key, _, rest = path.partition("/")
-    row_pattern, _, field_pattern = rest.partition("/")
+    row_pattern, _, field_patterns = rest.partition("/")
     if key not in entries:
         raise MeasuredError(f"{path}: no entry {key!r} in {FILE.name}")
     entry = entries[key]
@@ -116,15 +117,21 @@ def rows_of(entries: dict[str, Entry], path: str) -> list[list[tuple[float, str]
         if not fnmatchcase(name, row_pattern or "*"):
             continue
         named = row if isinstance(row, dict) else {name: row}
-        found = [
-            (float(value), entry.unit_of(field))
-            for field, values in named.items()
-            if not isinstance(row, dict) or fnmatchcase(field, field_pattern or "*")
-            for value in (values if isinstance(values, list) else [values])
-        ]
-        rows += [found] if found else []
+        patterns = field_patterns.split("+") if field_patterns and isinstance(row, dict) else ["*"]
+        for pattern in patterns:
+            if not any(fnmatchcase(field, pattern) for field in named):
+                raise MeasuredError(f"{path}: {name!r} of {key!r} has no field {pattern!r}")
+        rows.append(
+            [
+                (float(value), entry.unit_of(field))
+                for pattern in patterns
+                for field, values in named.items()
+                if fnmatchcase(field, pattern)
+                for value in (values if isinstance(values, list) else [values])
+            ]
+        )
     if not rows:
-        raise MeasuredError(f"{path}: entry {key!r} has no such values")
+        raise MeasuredError(f"{path}: {key!r} has no row {row_pattern!r}")
     return rows
 
 

@@ -2,14 +2,15 @@
 
 A mark is an HTML comment, which neither GitHub nor JupyterLab shows. It stands behind the numbers that it is about:
 
-    95%<!-- m: acp.metal_public/pooled/@2 --> of the frames        a measured number: docs/measured.json
-    0.95 / 1.00 / 1.00<!-- m: acp.metal_public/pooled/@* -->       several: as many as the entry has there
+    95%<!-- m: acp.metal_public/all/@2 --> of the frames           a measured number: docs/measured.json
+    0.95 / 1.00 / 1.00<!-- m: acp.metal_public/all/@* -->          several: as many as the entry has there
+    1.00 and 0.90<!-- m: acp.metal_public/1/@2; acp.metal_public/2/@2 -->          from several places
     alpha is 5%<!-- c: acp_lab.tracking.method.LossConfig.alpha --> a setting: a value in the code
     a tilt of 12 degrees<!-- not measured: setting -->             excuses all numbers of this block; see KINDS
 
-On a line of its own before a table, `<!-- m: acp.metal_public -->` is about the table: its rows are those of the entry,
-in their order, and the last numbers of each row are the values. On a line of its own elsewhere `<!-- not measured:
-KIND -->` excuses everything up to the next heading.
+`<!-- m: acp.metal_public/*/@*+ms -->` on a line of its own before a table is about the table: its rows are those of the
+entry, in their order, and the last numbers of each row are the values; numbers before them are labels.
+`<!-- not measured: KIND -->` on a line of its own excuses everything up to the next heading.
 
 `python -m benchmarks.quotes` lists what differs and what has no mark; `--write` corrects the digits that differ.
 """
@@ -46,7 +47,7 @@ DEFINED = re.compile(
     r"|(?:within|below|above|at) (?:2|5|10|30)%(?:(?:,| and| or| /) (?:2|5|10)%?)*"  # their limits in words
     r"|(?:<|≤) ?(?:2|5|10)%"
     r"|5 ?cm ?(?:and )?5 ?°"
-    r"|[Pp]ython \d\.\d+"
+    r"|[Pp]ython \d\.\d+|Apache-2\.0"
 )
 """Numbers that are names; they need no mark."""
 
@@ -141,7 +142,7 @@ def blocks(text: str, entries: dict[str, Entry]) -> Iterator[Block | Problem]:
                 paper = tuple(number for number, cell in enumerate(cells) if PAPER_COLUMN.match(cell))
                 if table_mark is not None:
                     try:
-                        rows = [row for path in table_mark.split(",") for row in rows_of(entries, path.strip())]
+                        rows = [row for path in table_mark.split(";") for row in rows_of(entries, path.strip())]
                     except MeasuredError as error:
                         yield Problem(f"line {line}", str(error))
             elif table_lines > 2:
@@ -207,7 +208,7 @@ def check(text: str, entries: dict[str, Entry]) -> tuple[list[Problem], str]:
             problems.append(block)
             continue
         where = f"line {block.line}"
-        free = COMMENT.sub(_blank, HIDDEN.sub(_blank, block.text))
+        free = DEFINED.sub(_blank, COMMENT.sub(_blank, HIDDEN.sub(_blank, block.text)))
         numbers = list(NUMBER.finditer(free))
         quoted: set[int] = set()
         excused = block.excused
@@ -230,12 +231,13 @@ def check(text: str, entries: dict[str, Entry]) -> tuple[list[Problem], str]:
                         corrections.append((block.start + match.start(), block.start + match.end(), right))
             except MeasuredError as error:
                 problems.append(Problem(where, str(error)))
+        labels_end = min(quoted, default=0) if block.rows is not None else 0
         if not excused:
-            unnamed = DEFINED.sub(_blank, _without_cells(free, block.paper_columns))
+            unnamed = _without_cells(free, block.paper_columns)
             problems += [
                 Problem(where, f"{match[0]} has no mark: {_around(block.text, match)}")
                 for match in NUMBER.finditer(unnamed)
-                if match.start() not in quoted and _looks_measured(match, unnamed)
+                if match.start() not in quoted and match.start() >= labels_end and _looks_measured(match, unnamed)
             ]
     for first, last, digits in sorted(corrections, reverse=True):
         text = text[:first] + digits + text[last:]
@@ -248,7 +250,7 @@ def _values(kind: str, what: str, entries: dict[str, Entry]) -> list[tuple[float
         if what not in KINDS:
             raise MeasuredError(f"not measured: {what}: give one of {', '.join(KINDS)}")
         return []
-    paths = [path.strip() for path in what.split(",")]
+    paths = [path.strip() for path in what.split(";")]
     if kind == "c":
         return [(value, "") for path in paths for value in code_value(path)]
     return [pair for path in paths for row in rows_of(entries, path) for pair in row]

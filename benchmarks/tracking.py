@@ -7,7 +7,7 @@ Example: python -m benchmarks.tracking path/to/dataset --parts out/parts --noise
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean, median
 from typing import TYPE_CHECKING
@@ -88,7 +88,9 @@ def kept(rows: list[Row]) -> dict[str, float]:
     return {**scores, "add": add, "lost": sum(row.lost for row in rows), "runs": len(rows), "ms": ms}
 
 
-def keep(dataset: BopDataset, noise: tuple[float, float] | None, by_scene: dict[str, list[Row]]) -> None:
+def keep(
+    dataset: BopDataset, noise: tuple[float, float] | None, edge_break_mm: float | None, by_scene: dict[str, list[Row]]
+) -> None:
     """Store the runs from one kind of start, per scene and over all."""
     from acp_lab.sample import sample_dataset
     from benchmarks.measured import record
@@ -99,11 +101,13 @@ def keep(dataset: BopDataset, noise: tuple[float, float] | None, by_scene: dict[
     start = f"poses {noise[0]:g} degrees and {noise[1]:g} mm off" if noise else "the true first pose"
     about = f"acp from {start}, per scene and over all runs; first frame left out, no resets"
     data = f"{name}: {len(by_scene)} sequence(s), {len(everything) // len(by_scene)} start(s) each"
-    record(f"acp.{name}{_suffix(noise)}", about, UNITS, data, values)
-
-
-def _suffix(noise: tuple[float, float] | None) -> str:
-    return f".{noise[0]:g}deg{noise[1]:g}mm" if noise else ""
+    key = f"acp.{name}"
+    if noise:
+        key += f".{noise[0]:g}deg{noise[1]:g}mm"
+    if edge_break_mm is not None:
+        key += f".break{edge_break_mm:g}mm"
+        about += f"; --edge-break {edge_break_mm:g}"
+    record(key, about, UNITS, data, values)
 
 
 def _recalls(rows: list[Row], separator: str) -> str:
@@ -126,6 +130,7 @@ def main() -> None:
     parser.add_argument(
         "--noise", type=_noise, action="append", default=[], metavar="DEG,MM", help="more runs, from starts so far off"
     )
+    parser.add_argument("--edge-break", type=float, help="mm, in place of what the parts were prepared with")
     parser.add_argument("--seeds", type=int, default=10, help="directions of each noise")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
@@ -146,6 +151,8 @@ def main() -> None:
             for object_id, pose in scene.first_poses.items():
                 part = dataset.part(object_id)
                 model = prepare(part, PrepareOptions(generator=options.generator), out=options.parts / dataset.name)
+                if options.edge_break is not None:
+                    model = replace(model, edge_break_mm=options.edge_break)
                 name = f"{scene_id}" if len(scene.first_poses) == 1 else f"{scene_id}, {object_id}"
                 runs[None][name] = [track_scene(dataset, scene, model, object_id, pose)]
                 for noise in options.noise:
@@ -158,7 +165,7 @@ def main() -> None:
             title = f"starts {noise[0]:g} degrees and {noise[1]:g} mm off" if noise else "started from truth"
             print_table(f"{dataset.name}, {title}", [row for found in by_scene.values() for row in found])
             if options.record:
-                keep(dataset, noise, by_scene)
+                keep(dataset, noise, options.edge_break, by_scene)
     print(f"\nPeak memory of this process: {machine.peak_memory_mb():.0f} MB")
 
 
