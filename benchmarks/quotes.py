@@ -10,7 +10,7 @@ A mark is an HTML comment, which neither GitHub nor JupyterLab shows. It stands 
 
 `<!-- m: acp.metal_public/*/@*+ms -->` on a line of its own before a table is about the table: its rows are those of the
 entry, in their order, and the last numbers of each row are the values; numbers before them are labels.
-`<!-- not measured: KIND -->` on a line of its own excuses everything up to the next heading.
+`<!-- not measured: KIND -->` on a line of its own excuses everything up to the next heading, at the top of a text all of it.
 
 `python -m benchmarks.quotes` lists what differs and what has no mark; `--write` corrects the digits that differ.
 """
@@ -101,7 +101,7 @@ def blocks(text: str, entries: dict[str, Entry]) -> Iterator[Block | Problem]:
     start = 0
     open_block: list[str] = []
     block_start = block_line = 0
-    fenced = excused = False
+    fenced = excused = excused_all = seen_heading = False
     table_mark: str | None = None
     rows: list[list[tuple[float, str]]] | None = None
     paper: tuple[int, ...] = ()
@@ -131,7 +131,7 @@ def blocks(text: str, entries: dict[str, Entry]) -> Iterator[Block | Problem]:
             if alone["kind"] == "m":
                 table_mark = alone["what"]
             elif alone["what"] in KINDS:
-                excused = True
+                excused, excused_all = True, not seen_heading
             else:
                 yield Problem(f"line {line}", f"not measured: {alone['what']}: one of {', '.join(KINDS)}")
         elif in_table:
@@ -152,7 +152,7 @@ def blocks(text: str, entries: dict[str, Entry]) -> Iterator[Block | Problem]:
         else:
             is_heading = stripped.startswith("#")
             if is_heading:
-                excused = False
+                excused, seen_heading = excused_all, True
             if is_heading or re.match(r"([-*]|\d+\.) ", stripped):
                 yield from closed()
             if not open_block:
