@@ -10,7 +10,8 @@ A mark is an HTML comment, which neither GitHub nor JupyterLab shows. It stands 
 
 `<!-- m: acp.metal_public/*/@*+ms -->` on a line of its own before a table is about the table: its rows are those of the
 entry, in their order, and the last numbers of each row are the values; numbers before them are labels.
-`<!-- not measured: KIND -->` on a line of its own excuses everything up to the next heading, at the top of a text all of it.
+`<!-- not measured: KIND -->` on a line of its own excuses everything up to the next heading, before the first one the
+whole text.
 
 `python -m benchmarks.quotes` lists what differs and what has no mark; `--write` corrects the digits that differ.
 """
