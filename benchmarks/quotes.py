@@ -48,7 +48,7 @@ DEFINED = re.compile(
     r"|(?:within|below|above|at) (?:2|5|10|30)%(?:(?:,| and| or| /) (?:2|5|10)%?)*"  # their limits in words
     r"|(?:<|≤) ?(?:2|5|10)%"
     r"|5 ?cm ?(?:and )?5 ?°"
-    r"|[Pp]ython \d\.\d+|Apache-2\.0"
+    r"|\b\d+ ?[x×] ?\d+\b|[Pp]ython \d\.\d+|Apache-2\.0"
 )
 """Numbers that are names; they need no mark."""
 
