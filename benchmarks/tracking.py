@@ -140,6 +140,7 @@ def main() -> None:
 
     from acp_lab.geometry.pose import disturb_pose
     from acp_lab.preparation import prepare
+    from acp_lab.prepared_part import PrepareOptions
     from acp_lab.sequences.bop import BopDataset
 
     print(f"CPU: {machine.cpu_model()}; one thread")
