@@ -110,8 +110,8 @@ def chosen_without(sequence: str, tracks: list[Track]) -> str:
     return max(shares, key=lambda setting: float(np.mean(shares[setting])))
 
 
-def print_table(tracks: list[Track]) -> None:
-    """Per method and data set: shares with intervals, by leave-one-out settings."""
+def print_table(tracks: list[Track]) -> dict[str, dict[str, list[float]]]:
+    """Per method and data set: shares with intervals, by leave-one-out settings; also as rows to be recorded."""
     sequences = sorted({item.sequence for item in tracks})
     sets = {
         name: [s for s in sequences if s.startswith(name + "/")]
@@ -121,14 +121,20 @@ def print_table(tracks: list[Track]) -> None:
         sets["all"] = sequences
     print("\n| data | method | @2% | @5% | @10% | ms | settings chosen |")
     print("|---|---|---|---|---|---|---|")
+    rows = {}
     for data, members in sets.items():
         for method in dict.fromkeys(item.method for item in tracks):
             own = [item for item in tracks if item.method == method]
             best = [next(t for t in own if t.sequence == s and t.setting == chosen_without(s, own)) for s in members]
-            shares = [str(bootstrap_mean([(t.errors < limit).astype(float) for t in best])) for limit in LIMITS]
+            shares = [bootstrap_mean([(t.errors < limit).astype(float) for t in best]) for limit in LIMITS]
+            rows[f"{data}: {method}"] = {
+                f"@{100 * limit:g}": [share.mean, share.low, share.high]
+                for limit, share in zip(LIMITS, shares, strict=True)
+            }
             used = "; ".join(sorted({t.setting for t in best}))
-            cells = [f"{data} ({len(members)})", method, *shares, f"{median(t.ms for t in best):.0f}", used]
+            cells = [f"{data} ({len(members)})", method, *map(str, shares), f"{median(t.ms for t in best):.0f}", used]
             print("| " + " | ".join(cells) + " |")
+    return rows
 
 
 def main() -> None:
@@ -138,6 +144,7 @@ def main() -> None:
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
     parser.add_argument("--config", nargs="*", type=Path, default=[], help="further methods as TOML, searched likewise")
     parser.add_argument("--json", type=Path, help="also keep the errors of every frame")
+    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     from acp_lab.tracking.method import METHODS
     from acp_lab.tracking.method_file import read_method
@@ -149,7 +156,14 @@ def main() -> None:
     if options.json is not None:
         kept = [{**vars(item), "errors": item.errors.round(5).tolist()} for item in tracks]
         options.json.write_text(json.dumps(kept))
-    print_table(tracks)
+    rows = print_table(tracks)
+    if options.record:
+        from benchmarks.measured import record
+
+        unit = "share of frames with ADD below 2, 5, 10% of the diameter, and its 95% interval"
+        about = "the paper's Table III: leave-one-out search over alpha and annealing, hierarchical block bootstrap"
+        data = ", ".join(sorted({item.sequence for item in tracks}))
+        record("ablation", about, {"@*": unit}, data, rows)
 
 
 if __name__ == "__main__":

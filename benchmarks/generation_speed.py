@@ -133,6 +133,7 @@ def main() -> None:
         action="store_true",
         help="CPU time in place of wall time: for busy machines without graphics card",
     )
+    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     clock = time.process_time if options.cpu_time else time.perf_counter
     # Before NumPy and OpenGL are loaded: they read the number of threads once.
@@ -155,18 +156,26 @@ def main() -> None:
     print(f"CPU: {machine.cpu_model()}; one process, one thread, {what}; {len(views)} views; {part.name}")
     renderer = make_renderer(CANONICAL_SIZE)
     rows, once = [], []
+    kept: dict[str, dict[str, float]] = {}
     head = ["faces"]
     for level in range(options.levels + 1):
         mesh = make_mesh(subdivided(part, level), clock)
         draws = methods(mesh, fixed, renderer)
         head = ["faces", *draws]
         faces = f"{len(mesh.part.faces):,}"
-        rows.append([faces, *(f"{time_ms(draw, views, clock):.2f}" for draw in draws.values())])
+        times = {name: time_ms(draw, views, clock) for name, draw in draws.items()}
+        kept[str(len(mesh.part.faces))] = times
+        rows.append([faces, *(f"{time:.2f}" for time in times.values())])
         once.append([faces, f"{len(mesh.edges):,}", f"{mesh.tree_s:.2f}", f"{mesh.edges_s:.2f}"])
         if options.pictures and level == 0:
             write_pictures(options.pictures, {name: [draw(v) for v in views[:6]] for name, draw in draws.items()})
     print_table("One 128 x 128 edge image, median ms", head, rows)
     print_table("Once per mesh", ["faces", "edge samples", "ray tree, s", "edge samples, s"], once)
+    if options.record:
+        from benchmarks.measured import record
+
+        about = "t(I) against rendering, 128x128, untrained networks of the right size, OpenGL in software"
+        record("speed.generators", about, f"ms of {what} per edge image, median", f"{part.name}, subdivided", kept)
     print(f"\nPeak memory of this process: {machine.peak_memory_mb():.0f} MB")
 
 

@@ -91,11 +91,12 @@ def track(root: Path, parts: Path) -> Iterator[Track]:
                 yield Track(f"{dataset.name}/{scene_id}", kind, config.name, step, np.array(errors))
 
 
-def print_table(tracks: list[Track]) -> None:
-    """Means over sequences, of all and of each kind."""
+def print_table(tracks: list[Track]) -> dict[str, dict[str, list[float]]]:
+    """Means over sequences, of all and of each kind; also as rows to be recorded."""
     names = list(dict.fromkeys(item.method for item in tracks))
     print("\n| sequences | step | " + " | ".join(names) + " |")
     print("|---" * (len(names) + 2) + "|")
+    rows: dict[str, dict[str, list[float]]] = {}
     for kind in ("", *sorted({item.kind for item in tracks} - {""})):
         members = [item for item in tracks if kind in ("", item.kind)]
         count = len({item.sequence for item in members})
@@ -105,7 +106,9 @@ def print_table(tracks: list[Track]) -> None:
                 of_name = [item.errors for item in members if item.method == name and item.step == step]
                 shares = [np.mean([(errors < limit).mean() for errors in of_name]) for limit in LIMITS]
                 cells.append(" / ".join(f"{share:.2f}" for share in shares))
+                rows.setdefault(f"{kind or 'all'}, step {step}", {})[name] = [float(share) for share in shares]
             print(f"| {kind or 'all'} ({count}) | {step} | " + " | ".join(cells) + " |")
+    return rows
 
 
 def main() -> None:
@@ -113,6 +116,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("datasets", nargs="+", type=Path)
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
+    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     print(f"CPU: {machine.cpu_model()}; one thread")
     tracks = []
@@ -120,7 +124,15 @@ def main() -> None:
         for item in track(root, options.parts):
             tracks.append(item)
             print(f"{item.sequence}, {item.kind}, {item.method}, step {item.step}: {(item.errors < 0.05).mean():.2f}")
-    print_table(tracks)
+    rows = print_table(tracks)
+    if options.record:
+        from benchmarks.measured import record
+
+        unit = "share of frames with ADD below 2, 5, 10% of the diameter, mean over sequences"
+        about = "control points as variables against a pose, everything else equal"
+        names = ", ".join(root.name for root in options.datasets)
+        data = f"{names}: {len({item.sequence for item in tracks})} sequences"
+        record("hybrid", about, unit, data, rows)
 
 
 if __name__ == "__main__":

@@ -53,6 +53,7 @@ def main() -> None:
     parser.add_argument("--acp-parts", type=Path, help="parts prepared for acp, one folder per data set")
     parser.add_argument("--scene", type=int, default=1)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
 
     from acp_lab.prepared_part import PreparedPart
@@ -85,6 +86,12 @@ def main() -> None:
     for name, values in times.items():
         low, middle, high = np.percentile(values, (25, 50, 75))
         print(f"| {name} | {middle:.1f} | {low:.1f} | {high:.1f} |")
+    if options.record:
+        from benchmarks.measured import record
+
+        medians = {name: float(np.median(values)) for name, values in times.items()}
+        data = f"{dataset.name}, sequence {options.scene}, {camera.width}x{camera.height}"
+        record("speed.methods", "every frame given to each method in turn", "ms per frame, median", data, medians)
 
 
 if __name__ == "__main__":
