@@ -223,6 +223,8 @@ def check(text: str, entries: dict[str, Entry]) -> tuple[list[Problem], str]:
             marks.append(("row", numbers, "", "the table's entry"))
         for kind, before, what, source in marks:
             try:
+                if "--" in what:
+                    raise MeasuredError(f"{source} has two hyphens inside, and GitHub then shows it: rename the row")
                 values = block.rows if kind == "row" else _values(kind, what, entries)
                 excused = excused or kind == "not measured"
                 for match, right in _compared(before, values or [], free, source):

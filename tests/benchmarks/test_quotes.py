@@ -77,6 +77,7 @@ def test_good(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
         ("0.95<!-- m: other -->", "no entry 'other'"),
         ("7 mm<!-- not measured: hunch -->", "hunch: give one of"),
         ("7 mm<!-- c: acp_lab.nowhere.X -->", "there is no nowhere"),
+        ("0.95<!-- m: made/--fast/@2 -->", "two hyphens"),
         ("It takes 8 ms.", "8 has no mark"),
         ("It takes 8 to 9 ms.", "8 has no mark"),
         ("95% of the frames", "95 has no mark"),
