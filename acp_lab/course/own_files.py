@@ -17,6 +17,7 @@ from acp_lab.cad.part import LARGEST_DIAMETER, SMALLEST_DIAMETER, Part, largest_
 from acp_lab.course.stand_ins import stand_ins
 from acp_lab.course.workshop import files_folder
 from acp_lab.errors import InputFileError, PartError
+from acp_lab.geometry.camera import Camera
 
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "inches": 25.4, "metres": 1000.0}
 STAND_IN_UNIT_MM = UNITS_MM["metres"]
@@ -88,6 +89,15 @@ def own_files(
     )
 
 
+def keep_camera(files: OwnFiles, camera: Camera) -> Path:
+    """The CAMERA.json of these files: the reader's own as it is, else one written into the folder of the results."""
+    if files.camera is not None:
+        return files.camera
+    path = files.results / "CAMERA.json"
+    camera.to_json(path)
+    return path
+
+
 def size_by_unit(mesh: Path) -> str:
     """What the size of a mesh would be in each unit, one line."""
     size = largest_distance(read_mesh_file(mesh).vertices)
@@ -99,7 +109,8 @@ def size_by_unit(mesh: Path) -> str:
 def part_in_mm(files: OwnFiles) -> Part:
     """The part, from a PLY file in mm that is written into the folder of the results.
 
-    Raises PartError for a mesh that is none, or whose unit makes it no part that a camera tracks.
+    Raises PartError for a mesh that is none, or whose unit makes it no part that a camera tracks, and InputFileError
+    where the reader's own mesh would be overwritten.
     """
     import trimesh
 
@@ -114,6 +125,10 @@ def part_in_mm(files: OwnFiles) -> Part:
             )
     Part.from_mesh(vertices, raw.faces, files.mesh.name)  # says what is wrong, by the name of the reader's file
     path = files.results / f"{files.mesh.stem}.ply"
+    if path.exists() and path.samefile(files.mesh):
+        if files.mesh_unit_mm == 1.0:
+            return Part.from_file(path)
+        raise InputFileError(f"{files.mesh}: would be overwritten by the part in mm: move it out of {files.results}")
     trimesh.Trimesh(vertices, raw.faces, process=False).export(path)
     return Part.from_file(path)
 

@@ -9,9 +9,10 @@ import pytest
 import trimesh
 
 from acp_lab.course import own_files as module
-from acp_lab.course.own_files import OwnFiles, own_files, part_in_mm, size_by_unit
+from acp_lab.course.own_files import OwnFiles, keep_camera, own_files, part_in_mm, size_by_unit
 from acp_lab.course.stand_ins import StandIns, stand_in_camera
 from acp_lab.errors import InputFileError, PartError
+from acp_lab.geometry.camera import Camera
 
 
 @pytest.fixture
@@ -101,3 +102,28 @@ def test_a_mesh_that_is_none_is_told_by_its_own_name(home: Path) -> None:
 def scaled(home: Path, factor: float, unit_mm: float | None) -> OwnFiles:
     trimesh.creation.box((30.0 * factor, 40.0 * factor, 120.0 * factor)).export(home / "part.stl")
     return own_files("~/part.stl", "~/clip.mp4", "~/boards", mesh_unit_mm=unit_mm)
+
+
+def test_the_readers_own_files_are_never_overwritten(home: Path) -> None:
+    """A mesh or camera in the folder of the results, where an earlier run put its own."""
+    results = home / "course" / "clip"
+    results.mkdir(parents=True)
+    trimesh.creation.box((0.03, 0.04, 0.12)).export(results / "part.ply")
+    (results / "CAMERA.json").write_text("by hand")
+    before = (results / "part.ply").read_bytes()
+    in_metres = own_files(results / "part.ply", "~/clip.mp4", camera=results / "CAMERA.json", mesh_unit_mm=1000.0)
+    with pytest.raises(InputFileError, match="would be overwritten"):
+        part_in_mm(in_metres)
+    assert (results / "part.ply").read_bytes() == before
+    assert keep_camera(in_metres, stand_in_camera()) == results / "CAMERA.json"
+    assert (results / "CAMERA.json").read_text() == "by hand"
+    trimesh.creation.box((30.0, 40.0, 120.0)).export(results / "part.ply")
+    before = (results / "part.ply").read_bytes()
+    part_in_mm(own_files(results / "part.ply", "~/clip.mp4", camera="~/CAMERA.json"))
+    assert (results / "part.ply").read_bytes() == before
+
+
+def test_a_calibrated_camera_is_kept_with_the_results(home: Path) -> None:
+    files = own_files("~/part.stl", "~/clip.mp4", "~/boards")
+    assert keep_camera(files, stand_in_camera()) == files.results / "CAMERA.json"
+    assert Camera.from_json(files.results / "CAMERA.json") == stand_in_camera()

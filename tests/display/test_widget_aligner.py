@@ -10,6 +10,7 @@ import traitlets
 
 from acp_lab.control_points.view_regions import REGION_NAMES
 from acp_lab.display.widgets.pose_aligner import CLICK, PoseAligner
+from acp_lab.errors import InputFileError
 from acp_lab.evaluation import add_mm
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.sequences.frame import Frame
@@ -77,6 +78,55 @@ def test_what_was_not_snapped_is_saved_with_a_word(aligner: PoseAligner, tmp_pat
     aligner.snapped = SnapResult(aligner.cam_T_obj, 0.17, 0.1, 0.17, 0.9, None, np.zeros(0), is_good=False)  # type: ignore[arg-type]
     aligner._save_as_told()
     assert "snap did not find the part" in aligner.message.value
+
+
+def test_a_loaded_pose_counts_as_saved_and_its_file_stays_byte_for_byte(
+    aligner: PoseAligner, tmp_path: Path
+) -> None:
+    file = tmp_path / "POSE.json"
+    assert not aligner.load(file)
+    assert aligner.path.value == str(file)
+    assert not aligner.is_saved
+    text = hand_written_pose(file)
+    assert aligner.load(file)
+    assert aligner.is_saved
+    np.testing.assert_array_equal(aligner.cam_T_obj, read_pose(file))
+    np.testing.assert_allclose(aligner.editor.points, aligner.points_at(aligner.cam_T_obj))
+    aligner.save(file)
+    assert file.read_text() == text
+    # Another place, a file that is gone, another pose: those are written.
+    aligner.save(tmp_path / "copy.json")
+    assert (tmp_path / "copy.json").exists()
+    aligner.save(file)
+    assert file.read_text() == text
+    file.unlink()
+    aligner.save(file)
+    assert file.exists()
+    aligner.turn((0.0, 0.0, 5.0))
+    assert not aligner.is_saved
+    aligner.save(file)
+    np.testing.assert_allclose(read_pose(file), aligner.cam_T_obj, atol=1e-9)
+
+
+def test_a_malformed_pose_is_refused_and_kept(aligner: PoseAligner, tmp_path: Path) -> None:
+    file = tmp_path / "POSE.json"
+    file.write_text("{}")
+    with pytest.raises(InputFileError, match="cam_R_m2c"):
+        aligner.load(file)
+    assert file.read_text() == "{}"
+    assert not aligner.is_saved
+
+
+def test_what_is_told_is_never_taken_for_html(aligner: PoseAligner, tmp_path: Path) -> None:
+    """Names of files and parts reach the page as text."""
+    evil = "<img src=x onerror=alert(1)>"
+    (tmp_path / evil).write_text("")
+    for place in (tmp_path / evil / "POSE.json", tmp_path / f"{evil}.json"):  # one cannot be written, one can
+        aligner.path.value = str(place)
+        aligner._save_as_told()
+        assert "<img" not in aligner.message.value
+        assert "&lt;img src=x onerror=alert(1)&gt;" in aligner.message.value
+    assert "<b>but not snapped</b>" in aligner.message.value
 
 
 def test_the_part_begins_in_the_middle_of_the_image(aligner: PoseAligner) -> None:
@@ -169,6 +219,15 @@ def test_a_place_that_cannot_be_written_is_told(aligner: PoseAligner, tmp_path: 
     aligner.path.value = str(tmp_path / "file" / "POSE.json")
     aligner._save_as_told()
     assert "cannot be written" in aligner.message.value
+
+
+def hand_written_pose(path: Path) -> str:
+    """Writes the true start pose as nobody's program would; its text."""
+    truth = sample_scene().first_pose
+    rotation, shift = truth[:3, :3].ravel().tolist(), truth[:3, 3].tolist()
+    text = f'{{"note": "by hand",   "cam_t_m2c": {shift}, "cam_R_m2c": {rotation}}}'
+    path.write_text(text)
+    return text
 
 
 def _click(pixel: np.ndarray) -> dict[str, object]:

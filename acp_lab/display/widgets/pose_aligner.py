@@ -7,6 +7,7 @@ result is the POSE.json that `acp-lab track --init` reads.
 from __future__ import annotations
 
 import html
+import os
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from acp_lab.geometry.pose import make_pose, rotation_angle_deg, transform
 from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.sequences.json_file import write_pose
+from acp_lab.sequences.json_file import read_pose, write_pose
 from acp_lab.tracking.snap import SnapResult, snap
 
 TURN_DEG = 15.0
@@ -50,6 +51,7 @@ class PoseAligner(ipywidgets.VBox):
     `SnapResult`, None once the pose was moved on; pose_before: (4, 4) from which it was found. editor: the frame
     with the four control points; region: 0..5, whose points they are; cad_view: the CAD model; pairs: the second
     mode's corners. All buttons are methods: `snap`, `save`, `turn`, `see_from`, `take_other_pose`, `solve_corners`.
+    `load` goes on with the pose of an earlier day.
     """
 
     cam_T_obj = traitlets.Any()
@@ -114,17 +116,33 @@ class PoseAligner(ipywidgets.VBox):
             self.cam_T_obj, self.snapped = found.cam_T_obj, found
         turned = rotation_angle_deg(before[:3, :3], found.cam_T_obj[:3, :3])
         verdict = "found" if found.is_good else "not found: bring the edges nearer to the part and snap again"
-        self._tell(f"<b>{verdict}</b>: quality {found.quality:.2f}, turned by {turned:.1f}° from where it was")
+        self._tell("", verdict, f": quality {found.quality:.2f}, turned by {turned:.1f}° from where it was")
         return found
 
+    def load(self, path: str | Path) -> bool:
+        """Work on this POSE.json: the button saves there, and the pose of a file that is there is taken.
+
+        A pose that was read counts as saved. Returns whether there was one; InputFileError for a malformed file.
+        """
+        self.path.value = str(path)
+        if not os.path.lexists(path):
+            return False
+        self.cam_T_obj = read_pose(path)
+        self._saved = self.cam_T_obj
+        return True
+
     def save(self, path: str | Path) -> None:
-        """Write the pose as POSE.json; InputFileError when the place cannot be written."""
-        write_pose(path, self.cam_T_obj)
+        """Write the pose as POSE.json; InputFileError when the place cannot be written.
+
+        A file that holds this very pose already stays as it is, byte for byte.
+        """
+        if not _holds(Path(path), self.cam_T_obj):
+            write_pose(path, self.cam_T_obj)
         self._saved = self.cam_T_obj
 
     @property
     def is_saved(self) -> bool:
-        """Whether the present pose was saved."""
+        """Whether the present pose was saved, or read by `load`."""
         return self._saved is self.cam_T_obj
 
     def turn(self, turn_deg: Turn, depth_factor: float = 1.0) -> None:
@@ -280,16 +298,26 @@ class PoseAligner(ipywidgets.VBox):
         except AcpLabError as error:
             self._tell(str(error))
         else:
-            place = html.escape(str(Path(self.path.value).resolve()))
+            told = f"the pose is in {Path(self.path.value).resolve()}"
             if self.snapped is None:
-                self._tell(f"the pose is in {place}, <b>but not snapped</b>: that of your hand alone")
+                self._tell(f"{told}, ", "but not snapped", ": that of your hand alone")
             elif not self.snapped.is_good:
-                self._tell(f"the pose is in {place}, <b>but snap did not find the part</b>: look whether the edges sit")
+                self._tell(f"{told}, ", "but snap did not find the part", ": look whether the edges sit")
             else:
-                self._tell(f"the pose is in {place}")
+                self._tell(told)
 
-    def _tell(self, text: str) -> None:
-        self.message.value = text
+    def _tell(self, text: str, strong: str = "", rest: str = "") -> None:
+        """Show plain text, its middle in bold. Names of parts and files are in it: none of it is taken for HTML."""
+        before, bold, after = (html.escape(piece) for piece in (text, strong, rest))
+        self.message.value = f"{before}<b>{bold}</b>{after}" if bold else before
+
+
+def _holds(path: Path, pose: FloatArray) -> bool:
+    """Whether a POSE.json says exactly this pose."""
+    try:
+        return bool(np.array_equal(read_pose(path), pose))
+    except AcpLabError:
+        return False
 
 
 def _in_the_middle(model: PreparedPart, frame: Frame) -> FloatArray:
