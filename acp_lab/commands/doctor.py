@@ -22,6 +22,7 @@ from pathlib import Path
 
 import acp_lab
 from acp_lab.commands import machine
+from acp_lab.commands.replay import without_telemetry
 
 _MODULES = {
     "opencv-python-headless": "cv2",
@@ -185,7 +186,7 @@ def check_writing() -> Check:
 
 def check_viewer() -> Check:
     """The rerun viewer behind `acp-lab replay`."""
-    done = _run([sys.executable, "-m", "rerun", "--version"], 30)
+    done = _run([sys.executable, "-m", "rerun", "--version"], 30, without_telemetry())
     if done.returncode != 0:
         mend = f"{_PIP} rerun-sdk --force-reinstall; if it hangs, rerun analytics disable"
         return Check(Verdict.ABSENT, "the replay viewer does not start", mend)

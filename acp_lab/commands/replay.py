@@ -84,4 +84,14 @@ def _read(replay: ReplayFile) -> ReplayContent:
 def _open_viewer(path: Path) -> int:
     # Without --bind the viewer would listen on all network interfaces.
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
-    return subprocess.run(command, check=False, stderr=sys.stderr).returncode
+    return subprocess.run(command, check=False, stderr=sys.stderr, env=without_telemetry()).returncode
+
+
+def without_telemetry() -> dict[str, str]:
+    """The environment in which rerun's programs send no usage statistics and write no settings for them.
+
+    Only these programs do: a `Replay` that is recorded, and one that is read, touch neither network nor home folder.
+    """
+    # What rerun 0.41 looks at (re_analytics, pipeline.rs): CI, whatever its value, unless the other one insists.
+    kept = {name: value for name, value in os.environ.items() if name != "FORCE_RERUN_ANALYTICS"}
+    return {**kept, "CI": "1"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 import acp_lab
 from acp_lab.commands.lab import notebooks_folder
+from acp_lab.commands.replay import without_telemetry
 from acp_lab.display.replay.file import check_replay
 from acp_lab.display.replay.recorder import Replay
 from tests.cli_runner import assert_one_error, run
@@ -52,9 +54,38 @@ def test_the_viewer_listens_on_this_machine_only(
     capsys: pytest.CaptureFixture[str], started: list[tuple[list[str], dict[str, Any]]], replay: Path
 ) -> None:
     assert run(capsys, "replay", replay).status == 0
-    command = started[0][0]
+    command, _ = started[0]
     assert command[:4] == [sys.executable, "-m", "rerun", str(replay)]
     assert command[command.index("--bind") + 1] == "127.0.0.1"
+
+
+def test_the_viewer_sends_no_usage_statistics(
+    capsys: pytest.CaptureFixture[str],
+    started: list[tuple[list[str], dict[str, Any]]],
+    replay: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("CI", raising=False)
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    assert run(capsys, "replay", replay).status == 0
+    ((_, options),) = started
+    assert options["env"]["CI"]
+    assert "FORCE_RERUN_ANALYTICS" not in options["env"]
+    assert options["env"]["PATH"]
+
+
+def test_rerun_keeps_that_promise(replay: Path, tmp_path: Path) -> None:
+    """Its program, started as ours starts it, leaves nothing behind; without our word it would."""
+    home = tmp_path / "home"
+    home.mkdir()
+    command = [sys.executable, "-m", "rerun", "rrd", "verify", str(replay)]
+    for environment, leaves_something in ((without_telemetry(), False), ({**os.environ}, True)):
+        own = {name: value for name, value in environment.items() if not name.startswith("XDG_")}
+        if leaves_something:
+            own.pop("CI", None)
+        subprocess.run(command, env={**own, "HOME": str(home)}, check=True, capture_output=True)
+        if sys.platform.startswith("linux"):
+            assert any(home.rglob("analytics*")) == leaves_something
 
 
 def test_two_replays_are_shown_as_one(

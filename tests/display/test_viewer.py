@@ -16,6 +16,7 @@ import traitlets
 from acp_lab.display.replay import viewer
 from acp_lab.display.replay.viewer import RunViewer, notebook_viewer, record, show
 from acp_lab.display.widgets.keyboard_guard import KeyboardGuard
+from acp_lab.display.widgets.telemetry_guard import TelemetryGuard
 from acp_lab.errors import AcpLabError, SequenceError
 from acp_lab.tracking.observer import SessionInfo, TrackedObject
 from acp_lab.tracking.session import TrackRun
@@ -100,7 +101,8 @@ def test_the_keyboard_is_guarded(shown: RunViewer, monkeypatch: pytest.MonkeyPat
     displayed: list[Any] = []
     monkeypatch.setattr("IPython.display.display", displayed.append)
     shown._ipython_display_()
-    guard, picture = displayed[0].children  # the guard looks after its next sibling
+    assert isinstance(displayed[0], TelemetryGuard)
+    guard, picture = displayed[1].children  # the guard looks after its next sibling
     assert isinstance(guard, KeyboardGuard)
     assert picture.value == "the picture"
 

@@ -1,8 +1,8 @@
 """A run in rerun's viewer inside a notebook: `acp.show(run)`.
 
 Works without a network: rerun's notebook viewer fetches its page from the net unless it is told otherwise before
-its first import, which is done here. What is shown is a replay made on the spot, so it needs the run's
-sequence for the images.
+its first import, which is done here. It sends no usage statistics either (`TelemetryGuard`). What is shown is a
+replay made on the spot, so it needs the run's sequence for the images.
 """
 
 from __future__ import annotations
@@ -83,7 +83,9 @@ class RunViewer(traitlets.HasTraits):
         from IPython.display import display
 
         from acp_lab.display.widgets.keyboard_guard import guarded
+        from acp_lab.display.widgets.telemetry_guard import TelemetryGuard
 
+        display(TelemetryGuard())  # first: the viewer tells of itself as soon as it is there
         display(guarded(self.widget._display_()))  # rerun's name for the bare widget, without a box around it
 
 
