@@ -15,7 +15,7 @@ PACKAGE = Path(acp_lab.__file__).parent
 # From the bottom up; names in one row may import each other.
 LAYERS = (
     ("errors",),
-    ("files",),
+    ("files", "input_file"),
     ("sample",),
     ("geometry",),
     ("imaging",),

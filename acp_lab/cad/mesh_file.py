@@ -25,6 +25,7 @@ import numpy as np
 
 from acp_lab.errors import InputFileError, PartError
 from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.input_file import read_bytes
 
 SUFFIXES = (".ply", ".obj", ".stl", ".step", ".stp")
 
@@ -52,12 +53,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputFileError(f"{path}: unknown mesh type '{path.suffix}': give one of {', '.join(SUFFIXES)}")
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputFileError(f"{path}: no such mesh file: check the path") from None
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror}): give a mesh file") from None
+    data = read_bytes(path, "give a mesh file", "mesh file")
     if not data.strip(b" \t\r\n\0"):
         raise InputFileError(f"{path}: the file is empty: export the mesh again")
     if suffix in (".step", ".stp"):

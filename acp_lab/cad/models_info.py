@@ -10,7 +10,6 @@ follows `bop_toolkit_lib.misc.get_symmetry_transformations`.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,9 @@ import numpy as np
 
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.input_file import LARGEST_NUMBER, is_measure, read_json_object
+
+_MEND = 'a data set keeps it beside its meshes, with one entry per object: {"1": {"diameter": 92.5, …}, …}'
 
 Vector = tuple[float, float, float]
 
@@ -102,21 +104,13 @@ def read_models_info(path: str | Path) -> dict[int, PartInfo]:
     Raises InputFileError, naming file and object, when the file is missing, is no JSON or lacks a number.
     """
     path = Path(path)
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputFileError(f"{path}: no such file: a BOP data set keeps it beside its meshes") from None
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror}): check the path") from None
-    except (ValueError, RecursionError) as error:  # bad JSON, bad UTF-8
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputFileError(f"{path}: not valid JSON ({reason}): copy or export it again") from None
-    if not isinstance(entries, dict) or not entries:
-        raise InputFileError(f'{path}: must hold one entry per object: {{"1": {{"diameter": 92.5, …}}, …}}')
+    entries = read_json_object(path, _MEND)
+    if not entries:
+        raise InputFileError(f"{path}: holds no object: {_MEND}")
     infos: dict[int, PartInfo] = {}
     for key, entry in entries.items():
-        if not key.isdecimal():
-            raise InputFileError(f"{path}: key '{key}' is no object id: use whole numbers, as in \"1\"")
+        if not (key.isascii() and key.isdecimal() and len(key) < 19):
+            raise InputFileError(f"{path}: key '{key[:60]}' is no object id: use whole numbers, as in \"1\"")
         where = f"{path}: object {int(key)}"
         if not isinstance(entry, dict):
             raise InputFileError(f"{where}: must be a JSON object with diameter, min_x … size_z")
@@ -139,13 +133,13 @@ def _part_info(entry: dict[str, Any], where: str, source: Path) -> PartInfo:
 def _discrete(entry: dict[str, Any], where: str) -> FloatArray:
     try:
         transforms = np.array(entry.get("symmetries_discrete", []), dtype=np.float64).reshape(-1, 4, 4)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         message = f"{where}: symmetries_discrete must be a list of 16 numbers each (4x4, row by row)"
         raise InputFileError(message) from None
     rotations = transforms[:, :3, :3]
     off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
     # Written as "not small" so that NaN is refused too.
-    if not (off < 1e-2 and np.isfinite(transforms).all() and (np.linalg.det(rotations) > 0.0).all()):
+    if not (off < 1e-2 and (np.abs(transforms) <= LARGEST_NUMBER).all() and (np.linalg.det(rotations) > 0.0).all()):
         raise InputFileError(f"{where}: symmetries_discrete holds no rigid transform: give 4x4, row by row")
     return transforms
 
@@ -160,9 +154,10 @@ def _continuous(entry: dict[str, Any], where: str) -> tuple[tuple[Vector, Vector
         try:
             ax, ay, az = (float(value) for value in item["axis"])
             ox, oy, oz = (float(value) for value in item["offset"])
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise InputFileError(wanted) from None
-        if not np.isfinite([ax, ay, az, ox, oy, oz]).all() or ax == ay == az == 0.0:
+        largest, length = np.abs([ax, ay, az, ox, oy, oz]).max(), np.linalg.norm([ax, ay, az])
+        if not (largest <= LARGEST_NUMBER and length > 1.0 / LARGEST_NUMBER):
             raise InputFileError(f"{wanted} with finite numbers and an axis that is not 0")
         axes.append(((ax, ay, az), (ox, oy, oz)))
     return tuple(axes)
@@ -172,7 +167,6 @@ def _number(entry: dict[str, Any], key: str, where: str) -> float:
     if key not in entry:
         raise InputFileError(f"{where}: {key} is missing: add it, in mm")
     value = entry[key]
-    # bool is an int in Python, and NaN and Infinity are numbers to its JSON reader: none of them is a length.
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+    if not is_measure(value):
         raise InputFileError(f"{where}: {key} is {str(value)[:60]}: give a finite number in mm")
     return float(value)

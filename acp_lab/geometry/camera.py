@@ -21,9 +21,17 @@ import numpy as np
 from acp_lab.errors import GeometryError, InputFileError
 from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.input_file import is_measure, read_json_object
 
 _NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy", "dist")
+SMALLEST_FOCAL, LARGEST_FOCAL = 0.05, 1000.0
+"""In longer sides of the image: fields of view from 169 degrees down to 0.06 degrees."""
+FARTHEST_CENTRE = 10.0
+"""The principal point, in longer sides of the image: a crop may leave it outside, but not that far."""
+LARGEST_DISTORTION = 1e4
+"""A lens of long focal length may have a k3 of some hundreds; no lens has this."""
+_VIEW_EXAMPLE = '{"width": 640, "height": 480, "hfov_deg": 60}'
 _EXAMPLE = '{"width": 640, "height": 480, "fx": 600, "fy": 600, "cx": 319.5, "cy": 239.5, "dist": [0, 0, 0, 0, 0]}'
 
 
@@ -76,29 +84,48 @@ class Camera:
         return cls(int(width), int(height), fx, fy, cx, cy, dist)
 
     @classmethod
+    def from_field_of_view(cls, width: int, height: int, hfov_deg: float) -> Camera:
+        """Camera of an ideal lens: square pixels, the optical axis in the middle of the image, no distortion.
+
+        hfov_deg: horizontal field of view, from the left border of the image to the right one, in (0, 180).
+        Raises GeometryError for other angles.
+        """
+        if not 0.0 < hfov_deg < 180.0:
+            raise GeometryError(f"camera field of view hfov_deg={hfov_deg}: give degrees between 0 and 180")
+        focal = 0.5 * width / math.tan(0.5 * math.radians(hfov_deg))
+        return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+
+    @classmethod
     def from_json(cls, path: str | Path) -> Camera:
         """Read CAMERA.json: {"width","height","fx","fy","cx","cy","dist":[k1,k2,p1,p2,k3]}.
 
-        Further keys are ignored. Raises InputFileError, one line, for whatever is wrong with the file.
+        Or {"width","height","hfov_deg"}, see `from_field_of_view`. Further keys are ignored. Raises InputFileError,
+        one line, for whatever is wrong with the file.
         """
         path = Path(path)
-        values = _read_object(path)
-        missing = [key for key in _KEYS if key not in values]
+        values = read_json_object(path, f"write it as {_EXAMPLE}", "camera file")
+        by_view = "hfov_deg" in values and not any(key in values for key in _KEYS[2:])
+        keys = (*_KEYS[:2], "hfov_deg") if by_view else _KEYS
+        missing = [key for key in keys if key not in values]
         if missing:
             hint = ' (no distortion is "dist": [0, 0, 0, 0, 0])' if missing == ["dist"] else ""
-            raise InputFileError(f"{path}: camera lacks {', '.join(missing)}: add it, as in {_EXAMPLE}{hint}")
-        width, height, fx, fy, cx, cy = (_number(path, key, values[key]) for key in _KEYS[:6])
+            example = _VIEW_EXAMPLE if by_view else _EXAMPLE
+            raise InputFileError(f"{path}: camera lacks {', '.join(missing)}: add it, as in {example}{hint}")
+        if "hfov_deg" in values and not by_view:
+            raise InputFileError(f"{path}: camera has hfov_deg and focal lengths: keep one of the two")
+        width, height, *numbers = (_number(path, key, values[key]) for key in keys if key != "dist")
         for key, size in (("width", width), ("height", height)):
             if size != int(size) or size < 1:
                 raise InputFileError(f"{path}: {key} is {values[key]}: give whole pixels, at least 1")
-        for key, focal in (("fx", fx), ("fy", fy)):
-            if focal <= 0:
-                raise InputFileError(f"{path}: {key} is {values[key]}: give the focal length in px, above 0")
-        dist = values["dist"]
-        if not isinstance(dist, list) or len(dist) != 5:
-            raise InputFileError(f"{path}: dist must be five numbers [k1, k2, p1, p2, k3], zeros if none")
-        coefficients = tuple(_number(path, f"dist[{i}]", k) for i, k in enumerate(dist))
-        return cls(int(width), int(height), fx, fy, cx, cy, coefficients)
+        if by_view:
+            try:
+                camera = cls.from_field_of_view(int(width), int(height), numbers[0])
+            except GeometryError as error:
+                raise InputFileError(f"{path}: {error}") from None
+        else:
+            camera = cls(int(width), int(height), *_focal_lengths(path, values), *numbers[2:], _dist(path, values))
+        check_plausible(camera, str(path))
+        return camera
 
     def to_json(self, path: str | Path) -> None:
         """Write CAMERA.json whole or not at all; raises InputFileError when the place cannot be written."""
@@ -190,31 +217,47 @@ def _undistortion_maps(camera: Camera) -> tuple[Any, Any]:
     )
 
 
-def _read_object(path: Path) -> dict[str, Any]:
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputFileError(f"{path}: no such camera file: give the path of a CAMERA.json") from None
-    except OSError as error:
-        raise InputFileError(f"{path}: not readable ({error.strerror}): give the path of a CAMERA.json") from None
-    except (ValueError, RecursionError) as error:
-        # ValueError covers bad JSON and bad UTF-8; their first line says where.
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputFileError(f"{path}: not valid JSON ({reason}): write it as {_EXAMPLE}") from None
-    if not isinstance(values, dict):
-        raise InputFileError(f"{path}: holds no JSON object: write it as {_EXAMPLE}")
-    return values
+def check_plausible(camera: Camera, where: str) -> None:
+    """InputFileError, beginning with `where`, for numbers that no lens and sensor have.
+
+    Left alone they overflow much later, or put every pose where nothing is.
+    """
+    size = max(camera.width, camera.height)
+    for key, focal in (("fx", camera.fx), ("fy", camera.fy)):
+        if not SMALLEST_FOCAL * size <= focal <= LARGEST_FOCAL * size:
+            raise InputFileError(
+                f"{where}: {key} is {focal:g} px, which no lens has for an image of {camera.width} x {camera.height} "
+                f"px: give the focal length in px, {SMALLEST_FOCAL:g} to {LARGEST_FOCAL:g} times the longer side"
+            )
+    for key, centre in (("cx", camera.cx), ("cy", camera.cy)):
+        if abs(centre) > FARTHEST_CENTRE * size:
+            raise InputFileError(
+                f"{where}: {key} is {centre:g} px, far outside an image of {camera.width} x {camera.height} px: "
+                "give the principal point of this image"
+            )
+    if max(map(abs, camera.dist)) > LARGEST_DISTORTION:
+        raise InputFileError(
+            f"{where}: dist holds {max(camera.dist, key=abs):g}: give k1, k2, p1, p2, k3 of OpenCV, below "
+            f"{LARGEST_DISTORTION:g}"
+        )
+
+
+def _focal_lengths(path: Path, values: dict[str, Any]) -> tuple[float, float]:
+    fx, fy = (_number(path, key, values[key]) for key in ("fx", "fy"))
+    for key, focal in (("fx", fx), ("fy", fy)):
+        if focal <= 0:
+            raise InputFileError(f"{path}: {key} is {values[key]}: give the focal length in px, above 0")
+    return fx, fy
+
+
+def _dist(path: Path, values: dict[str, Any]) -> tuple[float, ...]:
+    dist = values["dist"]
+    if not isinstance(dist, list) or len(dist) != 5:
+        raise InputFileError(f"{path}: dist must be five numbers [k1, k2, p1, p2, k3], zeros if none")
+    return tuple(_number(path, f"dist[{i}]", k) for i, k in enumerate(dist))
 
 
 def _number(path: Path, key: str, value: object) -> float:
-    # bool is an int in Python, NaN and Infinity are numbers to its JSON reader, and a whole number can be too
-    # long for a float: none of them is a measure.
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if math.isfinite(number):
-            return number
-    shown = repr(value)
-    raise InputFileError(f"{path}: {key} is {shown[:60]}: give a finite number")
+    if isinstance(value, int | float) and is_measure(value):
+        return float(value)
+    raise InputFileError(f"{path}: {key} is {repr(value)[:60]}: give a finite number")

@@ -20,10 +20,11 @@ from acp_lab.cad.models_info import PartInfo, read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.camera import Camera, check_plausible
+from acp_lab.input_file import read_json_object
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, read_rgb
-from acp_lab.sequences.json_file import numbers, read_json_object
+from acp_lab.sequences.json_file import numbers
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import at_most, only_pose
 from acp_lab.sequences.scene_truth import SceneTruth, as_id
@@ -269,6 +270,7 @@ def _read_cameras(path: Path, frame_ids: tuple[int, ...], width: int, height: in
             camera = Camera.from_matrix(matrix, width, height)
         except GeometryError as error:
             raise InputFileError(f"{where}: {error}") from None
+        check_plausible(camera, where)
         # The cheapest proof that the intrinsics belong to images of another size, crop or orientation.
         if not (0 <= camera.cx <= width - 1 and 0 <= camera.cy <= height - 1):
             raise InputFileError(

@@ -17,6 +17,7 @@ import numpy as np
 
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import ByteImage
+from acp_lab.input_file import read_bytes
 from acp_lab.sequences.pixel_coding import PixelCoding
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -53,12 +54,7 @@ def image_damage(path: Path) -> str | None:
 
 
 def _bytes_of(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise InputFileError(f"{path}: no such image: put it back, or remove what refers to it") from None
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror}): check the file") from None
+    return read_bytes(path, "put it back, or remove what refers to it", "image")
 
 
 @contextmanager

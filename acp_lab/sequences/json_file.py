@@ -17,33 +17,9 @@ from acp_lab.errors import GeometryError, InputFileError
 from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
-
-LARGEST_NUMBER = 1e9
-"""No pose or camera holds a larger one (in mm: 1000 km); such a number is as wrong as infinity."""
+from acp_lab.input_file import is_measure, read_json_object
 
 _POSE_EXAMPLE = '{"cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_m2c": [0, 0, 500]}'
-
-
-def read_json_object(path: Path, mend: str) -> dict[str, Any]:
-    """The JSON object that a file holds; InputFileError, ending in `mend`, when it holds none."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputFileError(f"{path}: no such file: {mend}") from None
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror}): {mend}") from None
-    except UnicodeDecodeError:
-        raise InputFileError(f"{path}: no text in UTF-8: {mend}") from None
-    if not text.strip():
-        raise InputFileError(f"{path}: the file is empty: {mend}")
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputFileError(f"{path}: not valid JSON ({reason}): {mend}") from None
-    if not isinstance(values, dict):
-        raise InputFileError(f"{path}: holds no JSON object: {mend}")
-    return values
 
 
 def numbers(values: object, count: int, where: str) -> FloatArray:
@@ -51,8 +27,7 @@ def numbers(values: object, count: int, where: str) -> FloatArray:
     if not isinstance(values, list) or len(values) != count:
         raise InputFileError(f"{where} is {shown(values)}: give a list of {count} numbers")
     for value in values:
-        # bool is an int in Python; NaN and Infinity are numbers to its JSON reader.
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_NUMBER:
+        if not is_measure(value):
             raise InputFileError(f"{where} holds {shown(value)}: give {count} finite numbers")
     return np.array(values, dtype=np.float64)
 
@@ -96,5 +71,8 @@ def write_json(path: str | Path, values: Mapping[str, Any]) -> None:
 
 def shown(value: object) -> str:
     """A value as a message shows it: on one line, cut when long."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # a number of thousands of digits, brackets in brackets
+        text = f"a {type(value).__name__} too long to show"
     return text if len(text) <= 60 else text[:57] + "..."

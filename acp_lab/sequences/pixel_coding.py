@@ -19,7 +19,8 @@ import numpy as np
 
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import ByteImage
-from acp_lab.sequences.json_file import read_json_object, shown
+from acp_lab.input_file import read_json_object
+from acp_lab.sequences.json_file import shown
 
 FILE_NAME = "pixels.json"
 EXAMPLE = '{"bits": 12, "bayer": "rggb"}'

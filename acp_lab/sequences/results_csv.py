@@ -23,7 +23,8 @@ import numpy as np
 from acp_lab.errors import GeometryError, InputFileError, SequenceError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
-from acp_lab.sequences.json_file import LARGEST_NUMBER, shown, write_json
+from acp_lab.input_file import LARGEST_NUMBER, check_regular
+from acp_lab.sequences.json_file import shown, write_json
 
 HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 
@@ -126,6 +127,7 @@ def read_results(path: str | Path) -> tuple[ResultRow, ...]:
     """
     path = Path(path)
     try:
+        check_regular(path, "give a results CSV file")
         with path.open(encoding="utf-8-sig", newline="") as file:
             return _read_rows(path, file)
     except FileNotFoundError:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.sequences.json_file import pose_of, read_json_object, shown
+from acp_lab.input_file import read_json_object
+from acp_lab.sequences.json_file import pose_of, shown
 
 _MEND = 'it lists per image the poses [{"cam_R_m2c": [9], "cam_t_m2c": [3], "obj_id": 1}]'
 

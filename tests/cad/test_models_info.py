@@ -48,7 +48,7 @@ def test_entries_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "not valid JSON"),
+        ("", "file is empty.*one entry per object"),
         ('{"1": {', "not valid JSON"),
         ("[" * 100_000, "not valid JSON"),
         ("[]", "one entry per object"),
@@ -59,6 +59,15 @@ def test_entries_are_read(tmp_path: Path) -> None:
         ({"1": {**ENTRY, "diameter": "92"}}, "object 1: diameter is 92: give a finite number"),
         ({"1": {**ENTRY, "diameter": True}}, "object 1: diameter is True"),
         ({"1": {**ENTRY, "diameter": float("nan")}}, "object 1: diameter is nan"),
+        ({"1": {**ENTRY, "diameter": 10**400}}, "object 1: diameter is 1000"),
+        ({"1": {**ENTRY, "min_x": -(10**400)}}, "object 1: min_x is -1000"),
+        ({"1": {**ENTRY, "size_x": 1e300}}, "object 1: size_x is"),
+        ({"1" * 5000: ENTRY}, "is no object id"),
+        ({"²": ENTRY}, "is no object id"),
+        ({"1": {**ENTRY, "symmetries_discrete": [[10**400] * 16]}}, "symmetries_discrete must be"),
+        ({"1": {**ENTRY, "symmetries_discrete": [[*HALF_TURN[:3], 1e300, *HALF_TURN[4:]]]}}, "no rigid transform"),
+        ({"1": {**ENTRY, "symmetries_continuous": [{"axis": [0, 0, 10**400], "offset": [0] * 3}]}}, "must be"),
+        ({"1": {**ENTRY, "symmetries_continuous": [{"axis": [0, 0, 1e-300], "offset": [0] * 3}]}}, "not 0"),
         ({"1": {**ENTRY, "diameter": 0}}, "object 1: diameter is 0: it must be above"),
         ({"1": {**ENTRY, "size_y": -1}}, "cannot be negative"),
         ({"1": {key: ENTRY[key] for key in ENTRY if key != "min_z"}}, "object 1: min_z is missing"),
@@ -85,7 +94,7 @@ def test_missing_and_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="cannot be read"):
         read_models_info(tmp_path)
     (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputFileError, match="not valid JSON"):
+    with pytest.raises(InputFileError, match="UTF-8"):
         read_models_info(tmp_path / "binary.json")
 
 

@@ -142,6 +142,23 @@ def test_json_of_the_contract(tmp_path: Path) -> None:
     assert isinstance(camera.width, int)
 
 
+@pytest.mark.parametrize("hfov_deg", [5.0, 60.0, 120.0])
+def test_a_field_of_view_is_seen_from_border_to_border(tmp_path: Path, hfov_deg: float) -> None:
+    path = tmp_path / "CAMERA.json"
+    path.write_text(json.dumps({"width": 640, "height": 480, "hfov_deg": hfov_deg}))
+    camera = Camera.from_json(path)
+    # Pixel 0 is the centre of the first pixel: the border is half a pixel before it.
+    left, right = camera.rays(np.array([[-0.5, 239.5], [639.5, 239.5]]))
+    assert np.degrees(np.arctan(right[0]) - np.arctan(left[0])) == pytest.approx(hfov_deg)
+    assert left[0] == pytest.approx(-right[0])
+    assert left[1] == right[1] == 0.0
+    assert camera.fx == camera.fy
+    assert not camera.is_distorted
+    # Written, it is the usual file.
+    camera.to_json(path)
+    assert Camera.from_json(path) == camera
+
+
 def without(key: str) -> str:
     return json.dumps({k: v for k, v in GOOD.items() if k != key})
 
@@ -153,8 +170,8 @@ def changed(**values: Any) -> str:
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("", "not valid JSON"),
-        ("   ", "not valid JSON"),
+        ("", "is empty"),
+        ("   ", "is empty"),
         ("{", "not valid JSON"),
         ("[" * 100_000, "not valid JSON"),
         ("[1, 2]", "no JSON object"),
@@ -181,6 +198,18 @@ def changed(**values: Any) -> str:
         (changed(dist=[0, 0, "x", 0, 0]), r"dist\[2\]"),
         (changed(dist=[0, 0, 0, 0, float("nan")]), r"dist\[4\]"),
         (changed(fx="x" * 10_000 + "\n"), "fx is"),
+        (changed(fx=1e-300), "fx is 1e-300 px"),
+        (changed(fy=1e9), r"fy is 1e\+09 px"),
+        (changed(fx=20), "fx is 20 px"),
+        (changed(fx=700_000), "fx is 700000 px"),
+        (changed(cx=-1e6), r"cx is -1e\+06 px"),
+        (changed(dist=[0, 0, 0, 0, -1e8]), r"dist holds -1e\+08"),
+        ('{"width": 640, "height": 480, "hfov_deg": 0}', "between 0 and 180"),
+        ('{"width": 640, "height": 480, "hfov_deg": 180}', "between 0 and 180"),
+        ('{"width": 640, "height": 480, "hfov_deg": 179.9}', "fx is"),
+        ('{"width": 640, "height": 480, "hfov_deg": "60"}', "hfov_deg is '60'"),
+        ('{"width": 640, "hfov_deg": 60}', 'lacks height.*"hfov_deg": 60'),
+        (changed(hfov_deg=60), "keep one of the two"),
     ],
 )
 def test_malformed_camera_files_are_one_line(tmp_path: Path, text: str, word: str) -> None:
@@ -197,10 +226,10 @@ def test_malformed_camera_files_are_one_line(tmp_path: Path, text: str, word: st
 def test_camera_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="no such camera file"):
         Camera.from_json(tmp_path / "absent.json")
-    with pytest.raises(InputFileError, match="not readable"):
+    with pytest.raises(InputFileError, match="cannot be read"):
         Camera.from_json(tmp_path)
     (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00\x81")
-    with pytest.raises(InputFileError, match="not valid JSON"):
+    with pytest.raises(InputFileError, match="UTF-8"):
         Camera.from_json(tmp_path / "binary.json")
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import InputFileError
-from acp_lab.sequences.json_file import read_json_object, read_pose, write_json, write_pose
+from acp_lab.input_file import read_json_object
+from acp_lab.sequences.json_file import read_pose, write_json, write_pose
 from tests.sequences.tiny_dataset import pose, pose_entry
 
 IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]

@@ -6,6 +6,7 @@ killed run leaves no end mark and perhaps a torn last message; everything before
 
 from __future__ import annotations
 
+import math
 import shutil
 import struct
 import tempfile
@@ -20,6 +21,7 @@ import numpy as np
 
 from acp_lab.display.replay.blueprint import Spot
 from acp_lab.errors import InputFileError
+from acp_lab.input_file import check_regular
 
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
@@ -74,6 +76,7 @@ class ReplayContent:
 def check_replay(path: Path) -> ReplayFile:
     """Look at a file's frame; InputFileError when it is no replay or holds nothing whole."""
     try:
+        check_regular(path, "give a replay, a .rrd file", math.inf)
         with path.open("rb") as stream:
             magic = stream.read(4)
             if not magic:
