@@ -26,8 +26,9 @@ import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.pose import check_rotation, make_pose
+from acp_lab.input_file import LARGEST_NUMBER
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, read_rgb
-from acp_lab.sequences.json_file import LARGEST_NUMBER, shown
+from acp_lab.sequences.json_file import shown
 from acp_lab.sequences.scene_truth import as_id
 from data_recipes.archives import Source
 from data_recipes.bop_writer import Model

@@ -8,7 +8,7 @@ import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError
 from acp_lab.geometry.pose import check_rotation, make_pose
-from acp_lab.sequences.json_file import LARGEST_NUMBER
+from acp_lab.input_file import LARGEST_NUMBER
 
 _AGAIN = "unpack or download it again"
 

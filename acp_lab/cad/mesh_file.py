@@ -9,15 +9,11 @@ here it becomes mm.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
 import logging
-import os
 import re
-import sys
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +22,7 @@ import numpy as np
 from acp_lab.errors import InputFileError, PartError
 from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.input_file import read_bytes
+from acp_lab.quiet import native_output_silenced
 
 SUFFIXES = (".ply", ".obj", ".stl", ".step", ".stp")
 
@@ -110,27 +107,12 @@ def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
     # OpenCASCADE takes half a file for a whole one, so its two ends are looked for first.
     if b"ISO-10303-21;" not in data[:4096] or b"END-ISO-10303-21;" not in data[-4096:]:
         raise InputFileError(f"{path}: cut off, or no STEP file (lacks END-ISO-10303-21): export it again")
-    with _silence():
+    with native_output_silenced():  # errors are told in one line, below
         glb = cascadio.load(data, file_type="step", tol_linear=STEP_TOLERANCE_MM, tol_angular=STEP_TOLERANCE_RAD)
     if not glb:
         raise InputFileError(f"{path}: OpenCASCADE cannot read this STEP file: export it again")
     vertices, faces = _parse(glb, "glb", path)
     return 1000.0 * vertices, faces
-
-
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    """Keep OpenCASCADE's remarks, written past Python, off both streams: errors are told in one line."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    with contextlib.ExitStack() as stack, open(os.devnull, "wb") as nowhere:
-        for stream in (1, 2):
-            with contextlib.suppress(OSError):  # a closed stream needs no silence
-                kept = os.dup(stream)
-                stack.callback(os.close, kept)
-                stack.callback(os.dup2, kept, stream)
-                os.dup2(nowhere.fileno(), stream)
-        yield
 
 
 def _check_ply(data: bytes, vertex_count: int, face_count: int, path: Path) -> None:

@@ -123,7 +123,8 @@ class Camera:
             except GeometryError as error:
                 raise InputFileError(f"{path}: {error}") from None
         else:
-            camera = cls(int(width), int(height), *_focal_lengths(path, values), *numbers[2:], _dist(path, values))
+            fx, fy = _focal_lengths(path, values)
+            camera = cls(int(width), int(height), fx, fy, numbers[2], numbers[3], _dist(path, values))
         check_plausible(camera, str(path))
         return camera
 

@@ -18,21 +18,25 @@ import numpy as np
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.input_file import read_bytes
+from acp_lab.quiet import native_output_silenced
+from acp_lab.sequences.image_header import JPEG_START, PNG_START, is_progressive, pixel_size
 from acp_lab.sequences.pixel_coding import PixelCoding
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
-_PNG_START = b"\x89PNG\r\n\x1a\n"
-_JPEG_START = b"\xff\xd8"
+LARGEST_PIXELS = 120_000_000
+"""Of one image, width times height; decoding that takes some 0.7 GB. No area-scan camera of a cell has more."""
 _JPEG_END = b"\xff\xd9"
+_MISSING = 128
+_MORE = b"\x55" * 64
 _UNTOLD = PixelCoding()
 
 
 def read_rgb(path: Path, coding: PixelCoding = _UNTOLD) -> ByteImage:
     """Decode an image file into (h, w, 3) uint8 RGB. coding: how its values are meant.
 
-    Raises InputFileError for a file that is missing, empty, cut short or damaged, and for pixels that are neither
-    8 nor 16 bits or that `coding` does not fit.
+    Raises InputFileError for a file that is missing, empty, cut short or damaged, for one of more than
+    LARGEST_PIXELS, and for pixels that are neither 8 nor 16 bits or that `coding` does not fit.
     """
     data = _bytes_of(path)
     damage = _damage(data)
@@ -40,6 +44,8 @@ def read_rgb(path: Path, coding: PixelCoding = _UNTOLD) -> ByteImage:
     if damage is None:
         with quiet_cv2():
             pixels = _decode(data)
+    if pixels is not None and data.startswith(JPEG_START) and _is_jpeg_short(data, pixels):
+        damage, pixels = "JPEG is cut short (its end was put back)", None
     if pixels is None:
         raise InputFileError(f"{path}: {damage or 'cannot be decoded as an image'}: replace or remove it")
     return coding.rgb(pixels, str(path))
@@ -85,16 +91,20 @@ def _damage(data: bytes) -> str | None:
     """
     if not data:
         return "the file is empty"
-    if data.startswith(_PNG_START):
+    size = pixel_size(data)
+    if size is not None and size[0] * size[1] > LARGEST_PIXELS:
+        return f"has {size[0]} x {size[1]} px, {LARGEST_PIXELS // 1_000_000} million is the most"
+    if data.startswith(PNG_START):
         return _png_damage(data)
-    if data.startswith(_JPEG_START):
+    if data.startswith(JPEG_START):
         return _jpeg_damage(data)
-    return None
+    # Decoders know more kinds than these, and some of them no bounds.
+    return "is no PNG, JPEG, BMP or TIFF image" if size is None else None
 
 
 def _png_damage(data: bytes) -> str | None:
     # Chunks: length (4), name (4), content, CRC-32 of name and content (4).
-    at = len(_PNG_START)
+    at = len(PNG_START)
     while at + 12 <= len(data):
         end = at + 8 + int.from_bytes(data[at : at + 4], "big")
         if end + 4 > len(data):
@@ -117,3 +127,18 @@ def _jpeg_damage(data: bytes) -> str | None:
         # 0xFF before a marker is padding; the others have a length.
         at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return "JPEG is cut short or damaged"
+
+
+def _is_jpeg_short(data: bytes, pixels: np.ndarray) -> bool:
+    """Whether the picture of a JPEG file ends before its end mark does, as after a repair of a torn file.
+
+    Decoders fill what is missing with mid grey and say nothing. Bytes more before the end mark change nothing in
+    a whole picture; in a short one they are taken for what is missing.
+    """
+    # Of a file in one scan, the last pixel tells that something may be missing: nearly all are whole.
+    if (pixels[-1, -1] != _MISSING).any() and not is_progressive(data):
+        return False
+    end = data.rfind(_JPEG_END)
+    with native_output_silenced():  # libjpeg remarks on the bytes
+        longer = _decode(data[:end] + _MORE + data[end:])
+    return longer is None or not np.array_equal(longer, pixels)

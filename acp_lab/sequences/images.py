@@ -22,7 +22,7 @@ from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.image_file import IMAGE_SUFFIXES, quiet_cv2, read_rgb
+from acp_lab.sequences.image_file import IMAGE_SUFFIXES, LARGEST_PIXELS, quiet_cv2, read_rgb
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import at_most
 
@@ -141,6 +141,12 @@ class VideoFile(_OwnImages):
             raise InputFileError(f"{self.path}: no such video file: give a video, or a folder of images")
         super().__init__(self.path.name, camera)
         with _capture(str(self.path), cv2.CAP_FFMPEG) as video:
+            size = tuple(int(video.get(which)) for which in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+            if size[0] * size[1] > LARGEST_PIXELS:
+                raise InputFileError(
+                    f"{self.path}: has frames of {size[0]} x {size[1]} px, {LARGEST_PIXELS // 1_000_000} million is "
+                    "the most: make them smaller"
+                )
             found, image = video.read()
             if not found:
                 raise InputFileError(f"{self.path}: cannot be decoded as a video: convert it, as to H.264")

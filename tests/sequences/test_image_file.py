@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import InputFileError
-from acp_lab.sequences.image_file import read_rgb
+from acp_lab.sequences.image_file import image_damage, read_rgb
 
 RNG = np.random.default_rng(0)
 COLOUR = RNG.integers(0, 256, (20, 30, 3), dtype=np.uint8)
@@ -112,3 +114,88 @@ def test_missing_files_and_folders(tmp_path: Path) -> None:
         read_rgb(tmp_path / "none.png")
     with pytest.raises(InputFileError, match="cannot be read"):
         read_rgb(tmp_path)
+
+
+def smooth(height: int = 120, width: int = 160) -> np.ndarray:
+    return cv2.GaussianBlur(RNG.integers(0, 256, (height, width, 3), dtype=np.uint8), (0, 0), 2.0)
+
+
+def jpeg(image: np.ndarray, *settings: int) -> bytes:
+    return cv2.imencode(".jpg", image, settings)[1].tobytes()
+
+
+JPEG_KINDS: dict[str, tuple[int, ...]] = {
+    "one scan": (),
+    "progressive": (cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
+    "restarts": (cv2.IMWRITE_JPEG_RST_INTERVAL, 4),
+}
+
+
+@pytest.mark.parametrize("settings", JPEG_KINDS.values(), ids=JPEG_KINDS)
+@pytest.mark.parametrize("kept", [0.1, 0.5, 0.9])
+def test_a_cut_jpeg_with_its_end_mark_put_back_is_noticed(
+    tmp_path: Path, settings: tuple[int, ...], kept: float
+) -> None:
+    data = jpeg(smooth(), *settings)
+    picture = data.index(b"\xff\xda")
+    path = tmp_path / "a.jpg"
+    path.write_bytes(data[: picture + int(kept * (len(data) - picture))] + b"\xff\xd9")
+    with pytest.raises(InputFileError, match="JPEG is cut short"):
+        read_rgb(path)
+
+
+@pytest.mark.parametrize("settings", JPEG_KINDS.values(), ids=JPEG_KINDS)
+@pytest.mark.parametrize("grey", [True, False])
+def test_whole_jpegs_are_read_even_if_they_end_in_grey(
+    tmp_path: Path, settings: tuple[int, ...], grey: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    image = smooth()
+    if grey:
+        image[-40:] = 128
+    path = tmp_path / "a.jpg"
+    path.write_bytes(jpeg(image, *settings))
+    assert read_rgb(path).shape == image.shape
+    path.write_bytes(jpeg(image[..., 0], *settings) + b"something behind it")
+    assert read_rgb(path).shape == image.shape
+    assert capfd.readouterr().err == ""
+
+
+def test_a_small_file_of_a_huge_picture_is_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("acp_lab.sequences.image_file._decode", lambda data: pytest.fail("was decoded"))
+    for suffix in (".jpg", ".png", ".bmp", ".tif"):
+        path = tmp_path / f"a{suffix}"
+        path.write_bytes(enlarged(cv2.imencode(suffix, smooth())[1].tobytes(), 20_000, 20_000))
+        with pytest.raises(InputFileError, match=r"has 20000 x 20000 px, 120 million is the most"):
+            read_rgb(path)
+        assert "20000" in str(image_damage(path))
+
+
+def test_other_kinds_of_images_are_refused(tmp_path: Path) -> None:
+    """What OpenCV would decode by its content, whatever its name."""
+    for suffix in (".webp", ".ppm", ".jp2"):
+        found, data = cv2.imencode(suffix, smooth())
+        if found:
+            (tmp_path / "a.png").write_bytes(data.tobytes())
+            with pytest.raises(InputFileError, match="is no PNG, JPEG, BMP or TIFF image"):
+                read_rgb(tmp_path / "a.png")
+
+
+def enlarged(data: bytes, width: int, height: int) -> bytes:
+    """The file with another size in its header."""
+    old = {code: struct.pack(code, *((160, 120) if code[1] != "H" else (120, 160))) for code in ("<ii", ">II", ">HH")}
+    new = {code: struct.pack(code, *((width, height) if code[1] != "H" else (height, width))) for code in old}
+    if data.startswith(b"\x89PNG"):
+        start, chunk = data[:16], new[">II"] + data[24:29]
+        return start + chunk + zlib.crc32(b"IHDR" + chunk).to_bytes(4, "big") + data[33:]
+    if data.startswith(b"BM"):
+        return data.replace(old["<ii"], new["<ii"], 1)
+    if data.startswith(b"\xff\xd8"):
+        return data.replace(old[">HH"], new[">HH"], 1)
+    size_of = {256: width, 257: height}
+    at = int.from_bytes(data[4:8], "little")
+    changed = bytearray(data)
+    for entry in range(at + 2, at + 2 + 12 * int.from_bytes(data[at : at + 2], "little"), 12):
+        tag = int.from_bytes(data[entry : entry + 2], "little")
+        if tag in size_of:
+            changed[entry + 2 : entry + 12] = struct.pack("<HII", 4, 1, size_of[tag])
+    return bytes(changed)

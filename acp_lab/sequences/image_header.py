@@ -1,0 +1,72 @@
+"""The size of an image, from the first bytes of its file: what it will take is known before it is decoded.
+
+PNG, JPEG, BMP and TIFF, as far as their headers go. A decoder would make the whole picture first: 62 kB of JPEG can
+be 20000 x 20000 px, which are 1.2 GB.
+"""
+
+from __future__ import annotations
+
+import struct
+
+PNG_START = b"\x89PNG\r\n\x1a\n"
+JPEG_START = b"\xff\xd8"
+_TIFF_STARTS = {b"II*\0": "<", b"MM\0*": ">"}
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_JPEG_PROGRESSIVE = frozenset((0xC2, 0xC6, 0xCA, 0xCE))
+_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_TIFF_FORMATS = {1: "B", 3: "H", 4: "I"}
+
+
+def pixel_size(data: bytes) -> tuple[int, int] | None:
+    """(width, height) px that the bytes of an image file announce; None for other files and for torn headers."""
+    try:
+        if data.startswith(PNG_START):
+            return struct.unpack_from(">II", data, 16)
+        if data.startswith(JPEG_START):
+            frame = _jpeg_frame(data)
+            return None if frame is None else frame[1]
+        if data.startswith(b"BM"):
+            return _bmp_size(data)
+        if data[:4] in _TIFF_STARTS:
+            return _tiff_size(data, _TIFF_STARTS[data[:4]])
+    except struct.error:
+        return None
+    return None
+
+
+def is_progressive(data: bytes) -> bool:
+    """Whether a JPEG file keeps its picture in several scans, coarse to fine."""
+    frame = _jpeg_frame(data)
+    return frame is not None and frame[0] in _JPEG_PROGRESSIVE
+
+
+def _jpeg_frame(data: bytes) -> tuple[int, tuple[int, int]] | None:
+    """The marker that begins the picture, and its size."""
+    at = len(JPEG_START)
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker in _JPEG_FRAMES:
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return marker, (width, height)
+        if marker == 0xDA:
+            return None
+        # 0xFF before a marker is padding; the others have a length.
+        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return None
+
+
+def _bmp_size(data: bytes) -> tuple[int, int]:
+    (header_bytes,) = struct.unpack_from("<I", data, 14)
+    width, height = struct.unpack_from("<HH" if header_bytes == 12 else "<ii", data, 18)
+    return abs(width), abs(height)  # a negative height: rows from the top
+
+
+def _tiff_size(data: bytes, order: str) -> tuple[int, int] | None:
+    (at,) = struct.unpack_from(f"{order}I", data, 4)
+    (count,) = struct.unpack_from(f"{order}H", data, at)
+    found: dict[int, int] = {}
+    for entry in range(at + 2, at + 2 + 12 * count, 12):
+        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
+        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT) and kind in _TIFF_FORMATS:
+            (found[tag],) = struct.unpack_from(f"{order}{_TIFF_FORMATS[kind]}", data, entry + 8)
+    return (found[_TIFF_WIDTH], found[_TIFF_HEIGHT]) if len(found) == 2 else None
