@@ -10,6 +10,7 @@ sample (one ray, or a learned or stored answer).
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +24,10 @@ from acp_lab.errors import PartError
 CREASE_ANGLE_DEG = 25.0
 # Two triangles of one flat face differ by rounding only; below this no silhouette can lie between them.
 FLAT_ANGLE_DEG = 0.1
+MOST_CREASE_SAMPLES = 12_000
+"""Of creases and open rims together, at the default spacing: four times what machined parts need. Every later step
+takes time with their number, and a scan or a heap of loose triangles would have millions."""
+_MOST_AT_A_SPACING = 20 * MOST_CREASE_SAMPLES
 GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -86,6 +91,7 @@ def sample_edges(
     spacing_mm: float | None = None,
     crease_angle_deg: float = CREASE_ANGLE_DEG,
     max_smooth_samples: int = 6000,
+    max_crease_samples: int | None = None,
 ) -> EdgeSamples:
     """Sample all mesh edges of a part that can ever be seen as edges.
 
@@ -94,6 +100,10 @@ def sample_edges(
         crease_angle_deg: faces that meet at more than this make a crease.
         max_smooth_samples: curved surfaces have many candidate silhouettes; they are sampled
             more sparsely where that many would be exceeded.
+        max_crease_samples: the same for creases and rims, with a RuntimeWarning, since that is no machined
+            part; default MOST_CREASE_SAMPLES, twenty times as many where a spacing was asked for.
+
+    Time and memory are linear in the number of faces.
 
     Raises:
         PartError: the mesh is flat, or has no edge that could be seen (every one is shared by three faces or more).
@@ -111,25 +121,22 @@ def sample_edges(
     # A concave fold hides its own silhouette, so smooth edges count only where they bulge.
     smooth = (angle_deg > FLAT_ANGLE_DEG) & ~crease & convex
 
-    normals = np.stack([face_normals[pairs[:, 0]], face_normals[pairs[:, 1]]], 1)
-    rim_vertices, rim_normals = _open_rims(mesh, face_normals)
+    rim_vertices, rim_faces = _open_rims(mesh)
+    del mesh  # what it has worked out of a million faces is hundreds of MB
+    spacing = _affordable(part, [vertex_pairs[crease], rim_vertices], spacing, spacing_mm is None, max_crease_samples)
 
     groups = []
     for chosen, limit in ((crease, None), (smooth, max_smooth_samples)):
         if chosen.any():
+            normals = face_normals[pairs[chosen]]
             groups.append(
                 _sample_group(
-                    part.vertices,
-                    vertex_pairs[chosen],
-                    normals[chosen],
-                    crease[chosen],
-                    convex[chosen],
-                    spacing,
-                    limit,
+                    part.vertices, vertex_pairs[chosen], normals, crease[chosen], convex[chosen], spacing, limit
                 )
             )
     if len(rim_vertices):
         always = np.ones(len(rim_vertices), bool)
+        rim_normals = np.stack([face_normals[rim_faces], -face_normals[rim_faces]], 1)
         groups.append(_sample_group(part.vertices, rim_vertices, rim_normals, always, always, spacing, None))
     if groups and not crease.any() and len(rim_vertices) == 0:
         raise PartError(
@@ -206,11 +213,34 @@ def visible_samples(edges: EdgeSamples, caster: RayCaster, eye_obj: np.ndarray, 
     return visible
 
 
-def _open_rims(mesh: trimesh.Trimesh, face_normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges that belong to one face only: (k, 2) vertex ids and (k, 2, 3) normals."""
+def _open_rims(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Edges that belong to one face only: (k, 2) vertex ids and the face of each, (k,)."""
     lonely = trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)
-    normals = face_normals[np.asarray(mesh.edges_face)[lonely]]
-    return np.asarray(mesh.edges_sorted)[lonely], np.stack([normals, -normals], 1)
+    return np.asarray(mesh.edges_sorted)[lonely], np.asarray(mesh.edges_face)[lonely]
+
+
+def _affordable(
+    part: Part, edges: list[np.ndarray], spacing_mm: float, is_default: bool, most: int | None
+) -> float:
+    """The spacing (mm) at which edges, lists of vertex ids (k, 2), give no more than `most` samples; as told else."""
+    if most is None:
+        most = MOST_CREASE_SAMPLES if is_default else _MOST_AT_A_SPACING
+    length = sum(float(_lengths(part.vertices, pairs).sum()) for pairs in edges)
+    if length <= most * spacing_mm:
+        return spacing_mm
+    wider = length / most
+    warnings.warn(
+        f"{part.path or part.name}: {length / spacing_mm:.0f} edge samples would be needed, {most} are taken, one "
+        f"every {wider:.2g} mm: a scan, or triangles that do not hang together, have too many edges to track",
+        RuntimeWarning,
+        stacklevel=3,
+    )
+    return wider
+
+
+def _lengths(vertices: np.ndarray, vertex_pairs: np.ndarray) -> np.ndarray:
+    lengths: np.ndarray = np.linalg.norm(vertices[vertex_pairs[:, 1]] - vertices[vertex_pairs[:, 0]], axis=1)
+    return lengths
 
 
 def _sample_group(
@@ -249,21 +279,29 @@ def _sample_group(
 
 def _chain_order(vertex_pairs: np.ndarray) -> np.ndarray:
     """An order of edges that walks along connected ones, so that even steps of length are even on the part."""
-    at_vertex: dict[int, list[int]] = {}
-    for index, (a, b) in enumerate(vertex_pairs.tolist()):
-        at_vertex.setdefault(a, []).append(index)
-        at_vertex.setdefault(b, []).append(index)
-    used = np.zeros(len(vertex_pairs), bool)
-    order: list[int] = []
-    for seed in range(len(vertex_pairs)):
-        edge, vertex = seed, int(vertex_pairs[seed, 1])
+    count = len(vertex_pairs)
+    # Plain buffers of small numbers: on a million edges, lists of lists would take a gigabyte.
+    ends = vertex_pairs.astype(np.int32).reshape(-1)  # each edge's two vertices, one after the other
+    edge_at = (np.argsort(ends, kind="stable").astype(np.int32) // 2).data  # vertex after vertex
+    at_vertex = np.bincount(ends)
+    ends_at = np.cumsum(at_vertex)
+    # At each vertex, the edges before this place are used: it only moves on, so a hub is not searched again and again.
+    place, last, vertex_of = (ends_at - at_vertex).data, ends_at.data, ends.data
+    used = bytearray(count)
+    order = np.empty(count, dtype=np.intp)
+    walk, done = order.data, 0
+    for seed in range(count):
+        edge, vertex = seed, vertex_of[2 * seed + 1]
         while not used[edge]:
-            used[edge] = True
-            order.append(edge)
-            onward = next((e for e in at_vertex[vertex] if not used[e]), None)
-            if onward is None:
+            used[edge] = 1
+            walk[done] = edge
+            done += 1
+            at, end = place[vertex], last[vertex]
+            while at < end and used[edge_at[at]]:
+                at += 1
+            place[vertex] = at
+            if at == end:
                 break
-            edge = onward
-            a, b = vertex_pairs[edge].tolist()
-            vertex = b if a == vertex else a
-    return np.array(order, dtype=np.intp)
+            edge = edge_at[at]
+            vertex = vertex_of[2 * edge] + vertex_of[2 * edge + 1] - vertex  # its other end
+    return order

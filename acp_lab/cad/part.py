@@ -25,12 +25,15 @@ from acp_lab.cad.mesh_file import read_mesh_file
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.errors import PartError
 from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.input_file import LARGEST_NUMBER
 
 __all__ = ["Part", "PartInfo", "Symmetries", "clean_mesh", "largest_distance", "read_models_info"]
 
 SMALLEST_DIAMETER = 3.0
 """mm; below it a file in metres is likelier than a part that a camera could track."""
 LARGEST_DIAMETER = 5000.0
+MOST_FACES = 2_000_000
+"""Of a mesh file: they take some 2 GB and half a minute, and no camera sees so fine."""
 DIAMETER_TOLERANCE = 0.02
 """Between models_info.json and the mesh: more than any re-meshing, less than any other part."""
 _UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
@@ -127,14 +130,17 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[Float
     points, corners = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
     if corners.size == 0:
         raise PartError(f"{where}: has no faces: export the part as a triangle mesh, not as points or curves")
+    if len(corners) > MOST_FACES:
+        raise PartError(f"{where}: has {len(corners)} faces, {MOST_FACES} is the most: export it coarser")
     if points.shape[1:] != (3,) or corners.shape[1:] != (3,):
         raise PartError(f"{where}: vertices {points.shape}, faces {corners.shape}: must be (n, 3) and (m, 3)")
     for index in (corners.min(), corners.max()):
         if not 0 <= index < len(points):
             raise PartError(f"{where}: a face names vertex {index} of {len(points)}: export the mesh again")
     points, corners = _without_unused(points, corners)
-    if not np.isfinite(points).all():
-        bad = points[~np.isfinite(points).all(axis=1)][0].tolist()
+    usable = (np.abs(points) <= LARGEST_NUMBER).all(axis=1)  # not for NaN either
+    if not usable.all():
+        bad = points[~usable][0].tolist()
         raise PartError(f"{where}: a vertex is {bad}, which is no point: export the mesh again")
     resolution = 4.0 * float(np.finfo(np.float32).eps) * float(np.abs(points).max())
     tolerance = max(1e-6 * float(np.ptp(points, axis=0).max()), resolution)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from acp_lab.cad import edges as module
 from acp_lab.cad.edges import (
+    MOST_CREASE_SAMPLES,
     EdgeSamples,
     facing,
     nearly_showing,
@@ -251,3 +254,76 @@ def test_the_inside_of_an_open_box_is_seen_through_the_opening_only() -> None:
     free = unoccluded(bottom, make_caster(part), np.array([0.0, 0.0, -200.0]), 0.002 * part.diameter)
     assert free.all()
     assert not unoccluded(bottom, make_caster(part), np.array([200.0, 0.0, 8.0]), 0.002 * part.diameter).all()
+
+
+# --- meshes that are no machined part ---------------------------------------------------------------------
+
+
+def loose_triangles(count: int) -> Part:
+    rng = np.random.default_rng(0)
+    corners = rng.uniform(-50.0, 50.0, (count, 1, 3)) + rng.uniform(-8.0, 8.0, (count, 3, 3))
+    return Part.from_mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), "heap")
+
+
+def rough_ball() -> Part:
+    mesh = trimesh.creation.icosphere(subdivisions=5, radius=50.0)
+    noise = 1.0 + 0.05 * np.random.default_rng(0).standard_normal((len(mesh.vertices), 1))
+    return Part.from_mesh(mesh.vertices * noise, mesh.faces, "rough")
+
+
+@pytest.mark.parametrize("part", [loose_triangles(1000), rough_ball()], ids=lambda part: part.name)
+def test_a_mesh_of_too_many_edges_is_sampled_more_sparsely_and_says_so(part: Part) -> None:
+    with pytest.warns(RuntimeWarning, match=f"{part.name}: .* {MOST_CREASE_SAMPLES} are taken, one every"):
+        edges = sample_edges(part)
+    assert edges.crease.sum() == pytest.approx(MOST_CREASE_SAMPLES, abs=2)
+    assert len(edges) <= MOST_CREASE_SAMPLES + 6000 + 2
+    assert edges.spacing_mm > part.diameter / 160.0
+    # Even so, they lie everywhere: each eighth of the box has its share.
+    octant = ((edges.points_obj > part.box_centre) @ [1, 2, 4]).astype(int)
+    assert np.bincount(octant, minlength=8).min() > 0.07 * len(edges)
+
+
+def test_creases_and_rims_share_one_limit() -> None:
+    with pytest.warns(RuntimeWarning, match="100 are taken"):
+        edges = sample_edges(open_box(), max_crease_samples=100)
+    assert len(edges) == pytest.approx(100, abs=2)
+
+
+@pytest.mark.filterwarnings("error")
+def test_machined_parts_are_not_thinned_out() -> None:
+    for part in (box(), bracket(), cylinder(), open_box()):
+        assert sample_edges(part).spacing_mm == part.diameter / 160.0
+    assert len(sample_edges(box(), spacing_mm=0.02)) == 18_000  # by one's own choice
+
+
+def plain_chain_order(vertex_pairs: np.ndarray) -> list[int]:
+    """The slow twin: at each vertex, all of its edges are looked through."""
+    used: list[int] = []
+    for seed in range(len(vertex_pairs)):
+        edge, vertex = seed, vertex_pairs[seed, 1]
+        while edge not in used:
+            used.append(edge)
+            onward = [e for e in np.flatnonzero((vertex_pairs == vertex).any(1)).tolist() if e not in used]
+            if not onward:
+                break
+            edge = onward[0]
+            vertex = vertex_pairs[edge].sum() - vertex
+    return used
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_walk_along_edges_is_that_of_its_slow_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pairs = rng.integers(0, 4 + 3 * seed, (60, 2))
+    pairs = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
+    pairs = rng.permuted(rng.permutation(pairs), axis=1)
+    np.testing.assert_array_equal(module._chain_order(pairs), plain_chain_order(pairs))
+
+
+def test_a_hub_of_very_many_edges_is_walked_in_time() -> None:
+    """Looking through all of them at each visit would take hours."""
+    count = 200_000
+    spokes = np.column_stack([np.zeros(count, int), np.arange(1, count + 1)])
+    rim = np.column_stack([np.arange(1, count), np.arange(2, count + 1)])
+    order = module._chain_order(np.concatenate([spokes, rim]))
+    np.testing.assert_array_equal(np.sort(order), np.arange(2 * count - 1))
