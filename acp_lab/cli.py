@@ -34,6 +34,15 @@ app = typer.Typer(
 )
 
 
+class Unit(StrEnum):
+    """The unit of a mesh file's numbers."""
+
+    MM = "mm"
+    CM = "cm"
+    M = "m"
+    INCH = "inch"
+
+
 class EdgeSource(StrEnum):
     """Where `prepare --generator autoencoder` takes true edges from."""
 
@@ -89,7 +98,7 @@ def demo(
 
 @app.command()
 def prepare(
-    meshes: Annotated[list[Path], typer.Argument(help="PLY, OBJ, STL or STEP files, in mm.", metavar="MESH...")],
+    meshes: Annotated[list[Path], typer.Argument(help="PLY, OBJ, STL or STEP files.", metavar="MESH...")],
     out: Annotated[Path, typer.Option(help="Where the prepared parts go, one folder each.", metavar="PARTS_DIR")],
     generator: Annotated[
         Generator, typer.Option(help="both = templates + learned; autoencoder is the paper's.")
@@ -98,6 +107,7 @@ def prepare(
     regions: Annotated[
         str, typer.Option(help="View regions to prepare: all, or some of 0 to 5.", metavar="all|K...")
     ] = "all",
+    unit: Annotated[Unit, typer.Option(help="Of the numbers in PLY, OBJ and STL files.")] = Unit.MM,
     edge_break: Annotated[
         float | None,
         typer.Option(min=0, help="Size of the part's broken edges in mm, when known.", metavar="MM"),
@@ -133,7 +143,7 @@ def prepare(
         seed=seed,
         resume=resume,
     )
-    prepare_parts(meshes, out, options)
+    prepare_parts(meshes, out, options, unit.value)
 
 
 @app.command()

@@ -15,6 +15,10 @@ class InputFileError(AcpLabError):
     """A file is missing, empty, malformed or contradicts another one."""
 
 
+class ParameterError(AcpLabError):
+    """A setting that is beyond what makes sense."""
+
+
 class GeometryError(AcpLabError):
     """Numbers that are no camera, pose or quad: singular, folded, not a rotation."""
 

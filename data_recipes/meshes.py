@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from acp_lab.cad.mesh_file import read_mesh_file
+from acp_lab.cad.mesh_file import UNITS_MM, read_mesh_file
 from acp_lab.cad.part import Part, largest_distance
 from acp_lab.errors import PartError
 from data_recipes.bop_writer import Model
 
-UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 _SMALLEST_MM, _LARGEST_MM = 15.0, 5000.0
 _LARGEST_IN_METRES = 0.6
 """Above it a number below 15 is taken for inches: 1.2 is rather a part of 30 mm than one of 1.2 m."""

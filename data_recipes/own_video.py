@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acp_lab.cad.mesh_file import UNITS_MM
 from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
@@ -44,7 +45,7 @@ from acp_lab.sequences.pixel_coding import BAYER_CODES, PixelCoding
 from data_recipes.bop_writer import new_dataset, write_image, write_models, write_scene
 from data_recipes.command import Parser, count, note, pair, positive, run, warn
 from data_recipes.convert import camera_of, check_apart
-from data_recipes.meshes import UNITS_MM, load_mesh, model_of
+from data_recipes.meshes import load_mesh, model_of
 from data_recipes.tracks import box_corners
 
 _FEWEST_PX = 25.0

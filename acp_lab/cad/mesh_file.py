@@ -14,6 +14,7 @@ import io
 import logging
 import re
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +26,8 @@ from acp_lab.input_file import read_bytes
 from acp_lab.quiet import native_output_silenced
 
 SUFFIXES = (".ply", ".obj", ".stl", ".step", ".stp")
+
+UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
 STEP_TOLERANCE_MM = 0.02
 STEP_TOLERANCE_RAD = 0.1
@@ -42,12 +45,17 @@ class MeshFile:
     sha256: str
 
 
-def read_mesh_file(path: Path) -> MeshFile:
+def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
     """Read a PLY, OBJ, STL or STEP file; several bodies become one mesh. It may have no faces.
 
-    Raises InputFileError (missing, empty, cut off, unknown suffix) or PartError (STEP support not installed).
+    unit: a key of UNITS_MM, in which the file's numbers are; a STEP file says its own and takes "mm" alone.
+    Raises InputFileError (missing, empty, cut off, unknown suffix) or PartError (unit, STEP support not installed).
     """
     suffix = path.suffix.lower()
+    if unit not in UNITS_MM:
+        raise PartError(f"{path}: unit '{unit}': choose one of {', '.join(UNITS_MM)}")
+    if unit != "mm" and suffix in (".step", ".stp"):
+        raise PartError(f"{path}: a STEP file says its unit itself: leave {unit} away")
     if suffix not in SUFFIXES:
         raise InputFileError(f"{path}: unknown mesh type '{path.suffix}': give one of {', '.join(SUFFIXES)}")
     data = read_bytes(path, "give a mesh file", "mesh file")
@@ -60,9 +68,11 @@ def read_mesh_file(path: Path) -> MeshFile:
             _check_stl(data, path)
         if suffix == ".obj":
             _check_obj(data, path)
-        vertices, faces = _parse(data, suffix[1:], path)
+        vertices, faces = _parse(_in_ascii(data) if suffix == ".ply" else data, suffix[1:], path)
         if suffix == ".ply":
             _check_ply(data, len(vertices), len(faces), path)
+        if unit != "mm":
+            vertices = UNITS_MM[unit] * vertices
     return MeshFile(vertices, faces, hashlib.sha256(data).hexdigest())
 
 
@@ -90,9 +100,14 @@ def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArra
     vertices, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for body in bodies:  # a point cloud or a curve has no faces
         # np.array makes plain copies: trimesh's own TrackedArray is slow in loops.
+        points = np.array(getattr(body, "vertices", []), dtype=np.float64)
+        if points.size and points.shape[1:] != (3,):
+            raise InputFileError(
+                f"{path}: a vertex has {points.shape[-1]} numbers, not x, y, z: export it again, as triangles"
+            )
         faces.append(np.array(getattr(body, "faces", []), dtype=np.int64).reshape(-1, 3) + count)
-        vertices.append(np.array(getattr(body, "vertices", []), dtype=np.float64).reshape(-1, 3))
-        count += len(vertices[-1])
+        vertices.append(points.reshape(-1, 3))
+        count += len(points)
     return np.concatenate(vertices), np.concatenate(faces)
 
 
@@ -113,6 +128,12 @@ def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
         raise InputFileError(f"{path}: OpenCASCADE cannot read this STEP file: export it again")
     vertices, faces = _parse(glb, "glb", path)
     return 1000.0 * vertices, faces
+
+
+def _in_ascii(data: bytes) -> bytes:
+    """A PLY file with "?" for whatever is not ASCII in its header: comments in Latin-1 stop trimesh's parser."""
+    header, end, body = data.partition(b"end_header")
+    return header.decode("ascii", errors="replace").replace("\ufffd", "?").encode("ascii") + end + body
 
 
 def _check_ply(data: bytes, vertex_count: int, face_count: int, path: Path) -> None:

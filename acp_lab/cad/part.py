@@ -88,14 +88,15 @@ class Part:
         return _is_closed(self.faces)
 
     @classmethod
-    def from_file(cls, path: str | Path, info: PartInfo | None = None) -> Part:
-        """Read a PLY, OBJ or STL file in mm, or a STEP file; `info` gives its diameter and symmetries.
+    def from_file(cls, path: str | Path, info: PartInfo | None = None, unit: str = "mm") -> Part:
+        """Read a PLY, OBJ or STL file, or a STEP file; `info` gives its diameter and symmetries.
 
+        unit: of the file's numbers, "mm", "cm", "m" or "inch"; the part is in mm whatever it is.
         Raises InputFileError when the file cannot be read whole, PartError when it holds no usable part: no
         faces, vertices that are not numbers, a size that smells of another unit or that `info` contradicts.
         """
         path = Path(path)
-        raw = read_mesh_file(path)
+        raw = read_mesh_file(path, unit)
         vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path))
         diameter = largest_distance(vertices)
         if info is not None:
@@ -235,8 +236,8 @@ def largest_distance(points: FloatArray) -> float:
 def _check_size(diameter: float, where: str) -> None:
     if diameter < SMALLEST_DIAMETER:
         raise PartError(
-            f"{where}: its diameter would be {diameter:.4g} mm, which looks like metres: scale by 1000 "
-            "(inches: by 25.4)"
+            f"{where}: its diameter would be {diameter:.4g} mm, which looks like metres: scale by 1000, or "
+            "give the unit m (inches: by 25.4, the unit inch)"
         )
     if diameter > LARGEST_DIAMETER:
         raise PartError(

@@ -10,6 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import acp_lab
+from acp_lab.commands import console
+from acp_lab.errors import ParameterError
 
 PACKAGES = (
     "numpy",
@@ -25,6 +27,7 @@ PACKAGES = (
     "pyrender",
 )
 
+MOST_THREADS = 256
 _THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -35,10 +38,16 @@ _THREAD_VARIABLES = (
 
 
 def limit_threads(count: int) -> None:
-    """Let numerical libraries use `count` threads.
+    """Let numerical libraries use `count` threads, with a note where that is more than there are cores.
 
-    The linear algebra under NumPy reads its limit when NumPy is first imported, so call this before that.
+    It is no error: numbers belong to a count of threads, and a smaller machine must be able to repeat those of a
+    larger one. The linear algebra under NumPy reads its limit when NumPy is first imported, so call this before that.
+    Raises ParameterError beyond MOST_THREADS, which the libraries do not survive.
     """
+    if not 1 <= count <= MOST_THREADS:
+        raise ParameterError(f"--threads {count}: give 1 to {MOST_THREADS}, best no more than the {cores()} cores here")
+    if count > cores():
+        console.note(f"--threads {count} is more than the {cores()} cores here: fewer are faster")
     for name in _THREAD_VARIABLES:
         os.environ[name] = str(count)
     import cv2

@@ -7,26 +7,34 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from acp_lab.cad.models_info import read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.commands import interrupt
 from acp_lab.commands.console import Progress, warn
-from acp_lab.errors import InputFileError
+from acp_lab.errors import AcpLabError, InputFileError, PreparationError
 from acp_lab.preparation import prepare
 from acp_lab.prepared_part import PreparedPart, PrepareOptions
 
 
-def prepare_parts(meshes: Sequence[Path], out: Path, options: PrepareOptions | None = None) -> tuple[PreparedPart, ...]:
+def prepare_parts(
+    meshes: Sequence[Path], out: Path, options: PrepareOptions | None = None, unit: str = "mm"
+) -> tuple[PreparedPart, ...]:
     """Prepare every mesh into a folder of `out` named after its file, and print one line for each; the parts.
 
-    All meshes are read before the first is prepared, so that a bad one costs no time.
+    All meshes are read before the first is prepared, so that a bad one costs no time. unit: of their numbers.
 
     Raises:
         InputFileError: a mesh that cannot be read, two of the same name, or `out` is a file.
+        PreparationError: the part was prepared before in another unit.
     """
     _check_places(meshes, out)
     interrupt.check()
-    parts = [read_part(mesh) for mesh in dict.fromkeys(meshes)]
+    parts = [read_part(mesh, unit) for mesh in dict.fromkeys(meshes)]
+    if options is None or options.resume:
+        for part in parts:
+            _check_size_there(part, out / part.name)
     for part in parts:
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
@@ -52,10 +60,24 @@ def _check_places(meshes: Sequence[Path], out: Path) -> None:
             )
 
 
-def read_part(mesh: Path) -> Part:
-    """The part of a mesh file, with what a data set's models_info.json beside it says about it."""
+def _check_size_there(part: Part, folder: Path) -> None:
+    """The file's checksum is the same in every unit, so the sizes are compared."""
+    try:
+        known = PreparedPart.load(folder).part.box_size
+    except AcpLabError:
+        return  # nothing there, or nothing to go on with
+    if not np.allclose(known, part.box_size, rtol=1e-6, atol=0.0) and known.min() > 0.0:
+        ratio = float((known / part.box_size).mean())
+        raise PreparationError(
+            f"{folder}: was prepared {ratio:.4g} times as large, from the same mesh in another unit: give that --unit, "
+            "or --no-resume to prepare it anew"
+        )
+
+
+def read_part(mesh: Path, unit: str = "mm") -> Part:
+    """The part of a mesh file, with what a data set's models_info.json beside it says about it; unit: of the file."""
     in_data_set = re.fullmatch(r"obj_(\d+)", mesh.stem)
     info_path = mesh.parent / "models_info.json"
     if in_data_set is None or not info_path.is_file():
-        return Part.from_file(mesh)
-    return Part.from_file(mesh, read_models_info(info_path).get(int(in_data_set[1])))
+        return Part.from_file(mesh, unit=unit)
+    return Part.from_file(mesh, read_models_info(info_path).get(int(in_data_set[1])), unit)

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 from meshes import box, step_box
 
-from acp_lab.cad.mesh_file import read_mesh_file
+from acp_lab.cad.mesh_file import UNITS_MM, read_mesh_file
 from acp_lab.cad.part import Part
 from acp_lab.errors import AcpLabError, InputFileError, PartError
 
@@ -160,3 +160,70 @@ def test_step_without_its_extra_says_what_to_install(tmp_path: Path, monkeypatch
     path.write_text(step_box((40.0, 20.0, 10.0)))
     with pytest.raises(PartError, match=r"pip install -e '\.\[step\]'"):
         read_mesh_file(path)
+
+
+@pytest.mark.parametrize("name", ["ascii.ply", "binary.ply", "ascii.obj", "ascii.stl"])
+def test_latin_1_in_a_comment_does_no_harm(name: str, tmp_path: Path) -> None:
+    word = "Größe".encode("latin-1")
+    places = {".ply": (b"end_header", b"comment " + word + b"\nend_header"), ".stl": (b"solid", b"solid " + word)}
+    old, new = places.get(Path(name).suffix, (b"v ", b"# " + word + b"\nv "))
+    data = FILES[name].replace(old, new, 1)
+    assert word in data
+    path = tmp_path / name
+    path.write_bytes(data)
+    part = Part.from_file(path)
+    np.testing.assert_array_equal(part.vertices, Part.from_file(_written(tmp_path / f"plain_{name}", name)).vertices)
+    assert part.sha256 == hashlib.sha256(data).hexdigest()
+
+
+def _written(path: Path, name: str) -> Path:
+    path.write_bytes(FILES[name])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (b"v 1 2", "a vertex has 2 numbers"),
+        (b"v 1e308 2 3", r"a vertex is \[1e\+308, 2.0, 3.0\]"),
+        (b"v 1" + b"0" * 400 + b" 2 3", r"a vertex is \[inf, 2.0, 3.0\]"),
+        (b"v nan 2 3", r"a vertex is \[nan, 2.0, 3.0\]"),
+        (b"v 2e9 2 3", r"a vertex is \[2000000000.0, 2.0, 3.0\]"),
+        (b"v one 2 3", "damaged"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_vertices_that_are_no_points(line: bytes, message: str, tmp_path: Path) -> None:
+    lines = FILES["ascii.obj"].split(b"\n")
+    chosen = [number for number, text in enumerate(lines) if text.startswith(b"v ")][3]
+    path = tmp_path / "part.obj"
+    path.write_bytes(b"\n".join([*lines[:chosen], line, *lines[chosen + 1 :]]))
+    with pytest.raises(AcpLabError, match=f"part.obj: {message}"):
+        Part.from_file(path)
+
+
+def test_obj_vertices_may_all_lack_a_number(tmp_path: Path) -> None:
+    lines = [b"v 1 2" if text.startswith(b"v ") else text for text in FILES["ascii.obj"].split(b"\n")]
+    (tmp_path / "part.obj").write_bytes(b"\n".join(lines))
+    with pytest.raises(InputFileError, match="2 numbers"):
+        read_mesh_file(tmp_path / "part.obj")
+
+
+@pytest.mark.parametrize("unit", UNITS_MM)
+def test_units(unit: str, tmp_path: Path) -> None:
+    path = _written(tmp_path / "part.ply", "binary.ply")
+    plain, scaled = read_mesh_file(path), read_mesh_file(path, unit)
+    np.testing.assert_array_equal(scaled.vertices, UNITS_MM[unit] * plain.vertices)
+    assert scaled.sha256 == plain.sha256
+    with pytest.raises(PartError, match="unit 'foot': choose one of mm, cm, m, inch"):
+        read_mesh_file(path, "foot")
+    (tmp_path / "part.step").write_bytes(b"ISO-10303-21;")
+    if unit != "mm":
+        with pytest.raises(PartError, match="STEP file says its unit itself"):
+            read_mesh_file(tmp_path / "part.step", unit)
+
+
+def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("acp_lab.cad.part.MOST_FACES", 11)
+    with pytest.raises(PartError, match=r"part\.ply: has 12 faces, 11 is the most"):
+        Part.from_file(_written(tmp_path / "part.ply", "binary.ply"))

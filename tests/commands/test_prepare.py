@@ -6,11 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
+import trimesh
 
+from acp_lab.commands import machine
 from acp_lab.commands.prepare import read_part
 from acp_lab.control_points.regression import RegressionConfig
 from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.prepared_part import PreparedPart
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import edit_json
 from tests.sequences.tiny_dataset import write_box, write_models
@@ -157,3 +160,58 @@ def test_models_info_that_contradicts_the_mesh(capsys: pytest.CaptureFixture[str
     edit_json(tmp_path / "models" / "models_info.json", lambda infos: infos["3"].update(diameter=0.0538))
     outcome = prepare(capsys, tmp_path / "parts", tmp_path / "models" / "obj_000003.ply")
     assert_one_error(outcome, "obj_000003.ply")
+
+
+def scaled_box(path: Path, factor: float) -> Path:
+    """The block of 40 x 30 x 20 mm in another unit."""
+    trimesh.creation.box((40.0 * factor, 30.0 * factor, 20.0 * factor)).export(path)
+    return path
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("cm", 0.1), ("m", 0.001), ("inch", 1.0 / 25.4)])
+def test_a_mesh_in_any_unit_becomes_a_part_in_mm(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, unit: str, factor: float
+) -> None:
+    mesh = scaled_box(tmp_path / "block.stl", factor)
+    assert prepare(capsys, tmp_path / "parts", mesh, "--unit", unit).status == 0
+    # The file is the same, so track finds the part by it.
+    part = PreparedPart.load(tmp_path / "parts" / "block", mesh).part
+    assert part.box_size.tolist() == pytest.approx([40.0, 30.0, 20.0], rel=1e-5)
+
+
+def test_units_that_cannot_be(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--unit", "foot"), "foot")
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--unit", "m"), "block.ply", "mm")
+    small = scaled_box(tmp_path / "small.stl", 0.001)
+    assert_one_error(prepare(capsys, tmp_path / "parts", small), "small.stl", "looks like metres", "unit m")
+    (tmp_path / "part.step").write_text("ISO-10303-21;")
+    assert_one_error(prepare(capsys, tmp_path / "parts", tmp_path / "part.step", "--unit", "inch"), "STEP", "inch")
+
+
+def test_another_unit_does_not_go_on_with_the_part_that_is_there(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Checksums are of the file, and that is the same."""
+    mesh, parts = scaled_box(tmp_path / "block.stl", 1.0), tmp_path / "parts"
+    assert prepare(capsys, parts, mesh).status == 0
+    assert_one_error(prepare(capsys, parts, mesh, "--unit", "cm"), "0.1 times as large", "--no-resume")
+    assert prepare(capsys, parts, mesh, "--unit", "cm", "--no-resume").status == 0
+    assert PreparedPart.load(parts / "block").part.box_size.max() == pytest.approx(400.0)
+    assert prepare(capsys, parts, mesh, "--unit", "cm").status == 0
+
+
+def test_threads_beyond_the_cores_are_noted_and_beyond_sense_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "cores", lambda: 2)
+    for name in machine._THREAD_VARIABLES:
+        monkeypatch.setenv(name, "1")
+    try:
+        done = prepare(capsys, tmp_path / "parts", mesh, "--threads", "3")
+        assert done.status == 0
+        assert "note: --threads 3 is more than the 2 cores here" in done.err
+        assert "note" not in prepare(capsys, tmp_path / "parts", mesh, "--threads", "2").err
+        assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--threads", "1000000000"), "--threads 1000000000")
+        assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--threads", "0"), "--threads")
+    finally:
+        machine.limit_threads(1)
