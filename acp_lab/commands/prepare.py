@@ -78,6 +78,6 @@ def read_part(mesh: Path, unit: str = "mm") -> Part:
     """The part of a mesh file, with what a data set's models_info.json beside it says about it; unit: of the file."""
     in_data_set = re.fullmatch(r"obj_(\d+)", mesh.stem)
     info_path = mesh.parent / "models_info.json"
-    if in_data_set is None or not info_path.is_file():
+    if in_data_set is None or not info_path.exists():
         return Part.from_file(mesh, unit=unit)
     return Part.from_file(mesh, read_models_info(info_path).get(int(in_data_set[1])), unit)

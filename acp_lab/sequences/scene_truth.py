@@ -64,7 +64,7 @@ class SceneTruth:
 
 def as_id(value: object, where: str) -> int:
     """A whole number from 0 of a JSON key or value; InputFileError naming `where` otherwise."""
-    if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 10**18:
         return value
     if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 19:
         return int(value)

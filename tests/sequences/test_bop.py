@@ -215,6 +215,8 @@ def test_two_instances_of_an_object_are_refused(scene_folder: Path, frame: str) 
         (lambda truth: truth["1"][0].pop("obj_id"), "image 1 has a pose without obj_id"),
         (lambda truth: truth["1"][0].update(obj_id="x"), "obj_id is 'x': give a whole number"),
         (lambda truth: truth["1"][0].update(obj_id=-1), "obj_id is -1"),
+        (lambda truth: truth["1"][0].update(obj_id=10**400), "obj_id is 1000"),
+        (lambda truth: truth["1"][0].update(cam_t_m2c=[10**400, 0, 0]), "cam_t_m2c holds 1000"),
         (lambda truth: truth["1"][0].pop("cam_R_m2c"), "image 1, object 1 lacks cam_R_m2c"),
         (lambda truth: truth["1"][0].update(cam_t_m2c=[1, 2]), "give a list of 3 numbers"),
         (lambda truth: truth["1"][0].update(cam_R_m2c=[0] * 9), "image 1, object 1: cam_R_m2c: not a rot"),
@@ -238,6 +240,10 @@ def test_malformed_truth_is_refused(
     ("change", "message"),
     [
         (lambda cameras: cameras.pop("2"), "image 2 has no cam_K"),
+        # The file is checked whole: a run must not end at the frame where the fault is.
+        (lambda cameras: cameras["2"].update(cam_K=[1e-300, 0, 30, 0, 600, 20, 0, 0, 1]), "image 2: fx is 1e-300 px"),
+        (lambda cameras: cameras["2"].update(cam_K=[600, 0, 30, 0, 1e9, 20, 0, 0, 1]), r"image 2: fy is 1e\+09 px"),
+        (lambda cameras: cameras["2"].update(cam_K=[10**400] * 9), "image 2: cam_K holds 1000"),
         (lambda cameras: cameras["1"].pop("cam_K"), "image 1 has no cam_K"),
         (lambda cameras: cameras["1"].update(cam_K=K[:8]), "image 1: cam_K is .*: give a list of 9 numbers"),
         (lambda cameras: cameras["1"].update(cam_K=[0] * 9), "image 1: camera matrix"),
