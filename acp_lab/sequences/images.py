@@ -141,12 +141,7 @@ class VideoFile(_OwnImages):
             raise InputFileError(f"{self.path}: no such video file: give a video, or a folder of images")
         super().__init__(self.path.name, camera)
         with _capture(str(self.path), cv2.CAP_FFMPEG) as video:
-            size = tuple(int(video.get(which)) for which in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-            if size[0] * size[1] > LARGEST_PIXELS:
-                raise InputFileError(
-                    f"{self.path}: has frames of {size[0]} x {size[1]} px, {LARGEST_PIXELS // 1_000_000} million is "
-                    "the most: make them smaller"
-                )
+            _check_frame_size(video, self.path)
             found, image = video.read()
             if not found:
                 raise InputFileError(f"{self.path}: cannot be decoded as a video: convert it, as to H.264")
@@ -238,6 +233,8 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
     if not is_device and not path.is_file():
         raise InputFileError(f"{path}: no such video file: give a video, or a folder of images")
     with _capture(int(str(path)) if is_device else str(path), cv2.CAP_ANY if is_device else cv2.CAP_FFMPEG) as video:
+        if not is_device:
+            _check_frame_size(video, path)
         found, picture = video.read()
     if not found:
         mend = "check its number and its cable" if is_device else "convert it, as to H.264"
@@ -254,6 +251,16 @@ def _capture(source: str | int, backend: int) -> Iterator[cv2.VideoCapture]:
         yield capture
     finally:
         capture.release()
+
+
+def _check_frame_size(video: cv2.VideoCapture, path: Path) -> None:
+    """Before the first frame is decoded: its size is in the header."""
+    width, height = (int(video.get(which)) for which in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if width * height > LARGEST_PIXELS:
+        raise InputFileError(
+            f"{path}: has frames of {width} x {height} px, {LARGEST_PIXELS // 1_000_000} million is the most: make "
+            "them smaller"
+        )
 
 
 def _rgb(image: np.ndarray) -> ByteImage:

@@ -323,7 +323,5 @@ def test_the_walk_along_edges_is_that_of_its_slow_twin(seed: int) -> None:
 def test_a_hub_of_very_many_edges_is_walked_in_time() -> None:
     """Looking through all of them at each visit would take hours."""
     count = 200_000
-    spokes = np.column_stack([np.zeros(count, int), np.arange(1, count + 1)])
-    rim = np.column_stack([np.arange(1, count), np.arange(2, count + 1)])
-    order = module._chain_order(np.concatenate([spokes, rim]))
-    np.testing.assert_array_equal(np.sort(order), np.arange(2 * count - 1))
+    order = module._chain_order(np.column_stack([np.arange(1, count + 1), np.zeros(count, int)]))
+    np.testing.assert_array_equal(order, np.arange(count))

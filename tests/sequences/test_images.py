@@ -256,3 +256,11 @@ def test_a_live_camera_that_is_absent_or_of_another_size(
     plug_in(_FakeDevice([np.zeros((10, 10, 3), np.uint8)]))
     with pytest.raises(SequenceError, match="image is 10 x 10 px but the camera is 64 x 48"):
         next(CameraDevice(7, CAMERA).frames())
+
+
+def test_a_video_of_huge_frames_is_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = _video(tmp_path / "clip.mp4")
+    monkeypatch.setattr("acp_lab.sequences.images.LARGEST_PIXELS", WIDTH * HEIGHT - 1)
+    for read in (lambda: VideoFile(path, CAMERA), lambda: first_size(path)):
+        with pytest.raises(InputFileError, match=rf"clip.mp4: has frames of {WIDTH} x {HEIGHT} px"):
+            read()
