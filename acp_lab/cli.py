@@ -163,7 +163,7 @@ def track(
     ] = None,
     method: Annotated[
         str | None,
-        typer.Option(help="acp (default), acp-paper, direct-6dof or unoptimised-points.", metavar="NAME"),
+        typer.Option(help="acp (default) or another; acp-lab methods lists them.", metavar="NAME"),
     ] = None,
     config: Annotated[
         Path | None, typer.Option(help="Instead of --method: a method's settings as TOML.", metavar="FILE")
@@ -253,8 +253,18 @@ def replay(
 
 
 @app.command()
+def methods(
+    name: Annotated[str | None, typer.Argument(help="Print this method as TOML for --config.", metavar="NAME")] = None,
+) -> None:
+    """List the tracking methods, or print one of them whole."""
+    from acp_lab.commands.methods import print_methods
+
+    print_methods(name)
+
+
+@app.command()
 def doctor() -> None:
-    """Say what works on this machine, and the mend for what does not."""
+    """Say what works on this machine, and how to fix what does not."""
     from acp_lab.commands.doctor import print_report
 
     raise typer.Exit(print_report())

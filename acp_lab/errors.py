@@ -1,4 +1,4 @@
-"""Errors that a user can mend.
+"""Errors that a user can fix.
 
 Every message is one line that names the file or value at fault and says what to do about it;
 the command line prints it after `error: ` and exits with status 2.

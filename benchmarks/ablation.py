@@ -76,11 +76,12 @@ def settings(method: MethodConfig) -> Iterator[tuple[str, MethodConfig]]:
 
 def track(root: Path, parts: Path, methods: list[tuple[str, str, MethodConfig]]) -> Iterator[Track]:
     """Run (method, setting, configuration) on every scene of a data set whose part has an auto-encoder."""
+    from acp_lab.tracking.method_tracker import MethodTracker
+
     from acp_lab.errors import AcpLabError
     from acp_lab.evaluation import evaluate
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
-    from acp_lab.tracking.method_tracker import MethodTracker
 
     dataset = BopDataset(root)
     for scene_id in dataset.scenes():

@@ -71,10 +71,11 @@ def search_choices() -> Iterator[tuple[str, MethodConfig]]:
 
 def scores(root: Path, parts: Path, methods: dict[str, MethodConfig]) -> dict[str, dict[str, float]]:
     """Per method: share of frames below each limit, mean over scenes and of the first scene."""
+    from acp_lab.tracking.method_tracker import MethodTracker
+
     from acp_lab.evaluation import evaluate
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
-    from acp_lab.tracking.method_tracker import MethodTracker
 
     dataset = BopDataset(root)
     shares: dict[str, list[list[float]]] = {name: [] for name in methods}

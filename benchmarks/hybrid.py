@@ -65,11 +65,12 @@ def methods() -> Iterator[MethodConfig]:
 
 def track(root: Path, parts: Path) -> Iterator[Track]:
     """Run every method, at every frame step, on every scene of a data set."""
+    from acp_lab.tracking.method_tracker import MethodTracker
+
     from acp_lab.evaluation import add_mm
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
     from acp_lab.sequences.frame import Frame
-    from acp_lab.tracking.method_tracker import MethodTracker
 
     dataset = BopDataset(root)
     for scene_id in dataset.scenes():

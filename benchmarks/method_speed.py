@@ -23,8 +23,9 @@ machine.limit_threads(1)
 import numpy as np  # noqa: E402
 
 if TYPE_CHECKING:
-    from acp_lab.sequences.bop import BopScene
     from acp_lab.tracking.method_tracker import MethodTracker
+
+    from acp_lab.sequences.bop import BopScene
     from acp_lab.tracking.tracker import Tracker
 
 
@@ -56,10 +57,11 @@ def main() -> None:
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
 
+    from acp_lab.tracking.method_tracker import MethodTracker
+
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
     from acp_lab.tracking.method import METHODS
-    from acp_lab.tracking.method_tracker import MethodTracker
     from acp_lab.tracking.tracker import Tracker
 
     dataset = BopDataset(options.dataset)

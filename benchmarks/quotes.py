@@ -5,7 +5,7 @@ A mark is an HTML comment, which neither GitHub nor JupyterLab shows. It stands 
     95%<!-- m: acp.metal_public/all/@2 --> of the frames           a measured number: docs/measured.json
     0.95 / 1.00 / 1.00<!-- m: acp.metal_public/all/@* -->          several: as many as the entry has there
     1.00 and 0.90<!-- m: acp.metal_public/1/@2; acp.metal_public/2/@2 -->          from several places
-    alpha is 5%<!-- c: acp_lab.tracking.method.LossConfig.alpha --> a setting: a value in the code
+    alpha is 5%<!-- c: acp_lab.tracking.schedule.ShareSchedule.alpha --> a setting: a value in the code
     a tilt of 12 degrees<!-- not measured: setting -->             excuses all numbers of this block; see KINDS
 
 `<!-- m: acp.metal_public/*/@*+ms -->` on a line of its own before a table is about the table: its rows are those of the

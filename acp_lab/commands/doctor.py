@@ -1,4 +1,4 @@
-"""`acp-lab doctor`: what works on this machine, one line per check, and the mend for what does not.
+"""`acp-lab doctor`: what works on this machine, one line per check, and the fix for what does not.
 
 Three verdicts: `ok`; `absent` for something that only part of the toolkit wants; `BROKEN` for what everything
 needs. Each check is a small function that returns a `Check` and never raises.
@@ -50,14 +50,14 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the report; mend says what to do, empty when there is nothing to do."""
+    """One line of the report; fix says what to do, empty when there is nothing to do."""
 
     verdict: Verdict
     what: str
-    mend: str = ""
+    fix: str = ""
 
     def __str__(self) -> str:
-        return f"{self.verdict:<7} {self.what}" + (f": {self.mend}" if self.mend else "")
+        return f"{self.verdict:<7} {self.what}" + (f": {self.fix}" if self.fix else "")
 
 
 def checks() -> Iterator[Check]:
@@ -83,7 +83,7 @@ def print_report() -> int:
     for check in checks():
         print(" ".join(str(check).split("\n")), flush=True)
         broken += check.verdict is Verdict.BROKEN
-    print(f"{broken} broken: mend these first" if broken else "everything needed works")
+    print(f"{broken} broken: fix these first" if broken else "everything needed works")
     return 1 if broken else 0
 
 
@@ -100,8 +100,8 @@ def check_packages() -> Iterator[Check]:
     try:
         requirements = metadata.requires("acp_lab") or []
     except metadata.PackageNotFoundError:
-        mend = f"{_PIP} -e . in the checkout"
-        yield Check(Verdict.ABSENT, "acp_lab runs from its source and is not installed", mend)
+        fix = f"{_PIP} -e . in the checkout"
+        yield Check(Verdict.ABSENT, "acp_lab runs from its source and is not installed", fix)
         return
     for text in requirements:
         check = _check_requirement(text)
@@ -115,13 +115,13 @@ def _check_requirement(text: str) -> Check | None:
     requirement = Requirement(text)
     if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
         return None
-    name, mend = requirement.name, f'{_PIP} "{requirement.name}{requirement.specifier}"'
+    name, fix = requirement.name, f'{_PIP} "{requirement.name}{requirement.specifier}"'
     try:
         found = metadata.version(name)
     except metadata.PackageNotFoundError:
-        return Check(Verdict.BROKEN, f"{name} is not installed", mend)
+        return Check(Verdict.BROKEN, f"{name} is not installed", fix)
     if not requirement.specifier.contains(found, prereleases=True):
-        return Check(Verdict.BROKEN, f"{name} {found} is outside {requirement.specifier}", mend)
+        return Check(Verdict.BROKEN, f"{name} {found} is outside {requirement.specifier}", fix)
     module = _MODULES.get(name, name.replace("-", "_"))
     try:
         if module:
@@ -130,7 +130,7 @@ def _check_requirement(text: str) -> Check | None:
         return Check(
             Verdict.BROKEN,
             f"{name} {found} cannot be imported ({_short(error)})",
-            f"{mend} --force-reinstall",
+            f"{fix} --force-reinstall",
         )
     return Check(Verdict.OK, f"{name} {found}")
 
@@ -145,8 +145,8 @@ def check_ray_casting() -> Check:
         caster = EmbreeCaster(np.eye(3), np.array([[0, 1, 2]]))
         distance, _ = caster.first_hit(np.array([[0.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 1.0]]))
     except Exception as error:
-        mend = f"{_PIP} embreex; without it rays are cast in NumPy, which is slow but right"
-        return Check(Verdict.ABSENT, f"ray casting with Embree ({_short(error)})", mend)
+        fix = f"{_PIP} embreex; without it rays are cast in NumPy, which is slow but right"
+        return Check(Verdict.ABSENT, f"ray casting with Embree ({_short(error)})", fix)
     if abs(distance[0] - 1.0 / 3.0) > 1e-5:
         return Check(Verdict.BROKEN, f"Embree hits at {distance[0]:g}, not 1/3", f"{_PIP} --force-reinstall embreex")
     return Check(Verdict.OK, "ray casting with Embree")
@@ -158,16 +158,16 @@ def check_sample() -> Check:
     from acp_lab.errors import AcpLabError
     from acp_lab.sequences.frame import UnreadableFrame
 
-    mend = "install acp_lab again, or check out acp_lab/sample again"
+    fix = "install acp_lab again, or check out acp_lab/sample again"
     try:
         scene = open_sample()
         unreadable = [frame for frame in scene.frames() if isinstance(frame, UnreadableFrame)]
         for object_id in scene.object_ids:
             scene.dataset.part(object_id)
     except AcpLabError as error:
-        return Check(Verdict.BROKEN, f"sample ({_short(error)})", mend)
+        return Check(Verdict.BROKEN, f"sample ({_short(error)})", fix)
     if unreadable:
-        return Check(Verdict.BROKEN, f"sample ({unreadable[0].reason})", mend)
+        return Check(Verdict.BROKEN, f"sample ({unreadable[0].reason})", fix)
     return Check(Verdict.OK, f"sample: {len(scene.frame_ids)} images and the parts that they show")
 
 
@@ -178,8 +178,8 @@ def check_writing() -> Check:
             with tempfile.TemporaryFile(dir=folder) as trial:
                 trial.write(b"trial")
         except OSError as error:
-            mend = "change to a folder of your own, or name one with --out"
-            return Check(Verdict.BROKEN, f"{folder} cannot be written ({error.strerror})", mend)
+            fix = "change to a folder of your own, or name one with --out"
+            return Check(Verdict.BROKEN, f"{folder} cannot be written ({error.strerror})", fix)
     free = shutil.disk_usage(Path.cwd()).free / 1e9
     return Check(Verdict.OK, f"{Path.cwd()} can be written, {free:.1f} GB free")
 
@@ -188,12 +188,12 @@ def check_viewer() -> Check:
     """The rerun viewer behind `acp-lab replay`."""
     done = _run([sys.executable, "-m", "rerun", "--version"], 30, without_telemetry())
     if done.returncode != 0:
-        mend = f"{_PIP} rerun-sdk --force-reinstall; if it hangs, rerun analytics disable"
-        return Check(Verdict.ABSENT, "the replay viewer does not start", mend)
+        fix = f"{_PIP} rerun-sdk --force-reinstall; if it hangs, rerun analytics disable"
+        return Check(Verdict.ABSENT, "the replay viewer does not start", fix)
     version = done.stdout.split("(")[0].strip() or "rerun"
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        mend = "replays open in a browser with rerun --web-viewer --bind 127.0.0.1 FILE.rrd"
-        return Check(Verdict.ABSENT, f"{version}, but there is no display for it", mend)
+        fix = "replays open in a browser with rerun --web-viewer --bind 127.0.0.1 FILE.rrd"
+        return Check(Verdict.ABSENT, f"{version}, but there is no display for it", fix)
     return Check(Verdict.OK, f"{version}, opened by acp-lab replay")
 
 
@@ -206,8 +206,8 @@ def check_opengl() -> Check:
     if done.returncode == 0:
         return Check(Verdict.OK, "OpenGL draws shaded pictures of parts")
     reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-    mend = "only shaded pictures need it; on Debian and Ubuntu apt-get install libegl1 libgl1-mesa-dri"
-    return Check(Verdict.ABSENT, f"OpenGL ({reason[:100]})", mend)
+    fix = "only shaded pictures need it; on Debian and Ubuntu apt-get install libegl1 libgl1-mesa-dri"
+    return Check(Verdict.ABSENT, f"OpenGL ({reason[:100]})", fix)
 
 
 def check_step() -> Check:
@@ -217,8 +217,8 @@ def check_step() -> Check:
 
 def check_notebook_viewer() -> Check:
     """Replays inside notebooks."""
-    mend = f'{_PIP} -e ".[notebook]" in the checkout, to see replays inside notebooks'
-    return _optional("rerun_notebook", "replays show inside notebooks", mend)
+    fix = f'{_PIP} -e ".[notebook]" in the checkout, to see replays inside notebooks'
+    return _optional("rerun_notebook", "replays show inside notebooks", fix)
 
 
 def check_chromium() -> Check:
@@ -230,9 +230,9 @@ def check_chromium() -> Check:
     return Check(Verdict.ABSENT, "Chromium", "only browser tests want it; on Debian apt-get install chromium")
 
 
-def _optional(module: str, what: str, mend: str) -> Check:
+def _optional(module: str, what: str, fix: str) -> Check:
     if importlib.util.find_spec(module) is None:
-        return Check(Verdict.ABSENT, module, mend)
+        return Check(Verdict.ABSENT, module, fix)
     return Check(Verdict.OK, what)
 
 
@@ -240,8 +240,8 @@ def _safely(check: Callable[[], Check]) -> Check:
     try:
         return check()
     except Exception as error:
-        mend = "report this, with the whole output of acp-lab doctor"
-        return Check(Verdict.BROKEN, f"{check.__name__} ({type(error).__name__}: {_short(error)})", mend)
+        fix = "report this, with the whole output of acp-lab doctor"
+        return Check(Verdict.BROKEN, f"{check.__name__} ({type(error).__name__}: {_short(error)})", fix)
 
 
 def _run(

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from acp_lab.commands.methods import check_method
 from acp_lab.errors import AcpLabError, InputFileError, SequenceError
 
 if TYPE_CHECKING:
@@ -58,7 +57,9 @@ class TrackOptions:
     def __post_init__(self) -> None:
         if self.config is not None and self.method is not None:
             raise AcpLabError(f"--config {self.config}: says the method already: leave --method {self.method} out")
-        check_method(self.method or DEFAULT_METHOD)
+        from acp_lab.tracking.method import method_named
+
+        method_named(self.method or DEFAULT_METHOD)
         for option, value in (("--init-noise-deg", self.noise_deg), ("--init-noise-mm", self.noise_mm)):
             if not math.isfinite(value):
                 raise AcpLabError(f"{option} {value}: give a finite number")

@@ -7,20 +7,23 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from acp_lab.commands import console, interrupt, machine
-from acp_lab.commands.methods import Method
+from acp_lab.commands.methods import chosen_method
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import Observer, SessionInfo, TrackResult
+from acp_lab.tracking.method import Method
+from acp_lab.tracking.observer import Observer, SessionInfo
+from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.results_file import ResultsFile
 from acp_lab.tracking.session import track_sequence
+from acp_lab.tracking.tracker import Tracker
 
 
 class ResultsObserver(ResultsFile):
@@ -132,10 +135,10 @@ def run_jobs(
 
     Writes options.out, results.run.json beside it, and options.replay. extra: observers of every scene.
     """
-    method = Method.of(options.method or DEFAULT_METHOD, options.config)
+    method = chosen_method(options.method or DEFAULT_METHOD, options.config)
     parts = {model.part.name: model for job in jobs for model in job.models.values()}
     # Before files are replaced: a part may lack the generator that the method needs.
-    generators = {name: method.tracker(model).generator_name for name, model in parts.items()}
+    generators = {name: Tracker(model, method).generator_name for name, model in parts.items()}
     info = _run_info(parts, generators, method, options)
     replays = [] if options.replay is None else [_replay(options, len(jobs))]
     summaries: list[ObjectSummary] = []
@@ -148,12 +151,11 @@ def run_jobs(
             count = len(job.sequence.frame_ids)
             reporter = Reporter(min(count, options.max_frames or count))
             track_sequence(
-                {object_id: method.tracker(model) for object_id, model in job.models.items()},
+                {object_id: Tracker(model, method) for object_id, model in job.models.items()},
                 job.sequence,
                 job.starts,
                 observers=(results, seen, reporter, *replays, *extra),
                 max_frames=options.max_frames,
-                method=method.name,
             )
             summaries += seen.objects.values()
         info["complete"] = True
@@ -190,7 +192,7 @@ def _run_info(
         "folder": os.getcwd(),
         "method": method.name,
         "options": plain(options),
-        "configuration": plain(method.config),
+        "configuration": plain(method),
         "parts": {name: {"sha256": model.part.sha256, "generator": generators[name]} for name, model in parts.items()},
         "threads": options.threads,
         "machine": machine.machine(),
@@ -202,7 +204,9 @@ def _run_info(
 def plain(value: Any) -> Any:
     """A configuration as JSON can hold it: dataclasses as objects, paths and anything unknown as text."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {key: plain(item) for key, item in asdict(value).items()}
+        # Which of several kinds a part of a method is, is known to its class.
+        kind = {"kind": type(value).__dict__["kind"]} if "kind" in type(value).__dict__ else {}
+        return kind | {item.name: plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):

@@ -64,7 +64,7 @@ class RegressionReport:
         before_px, after_px: mean distance of the moved edge points to the true edges, px of the virtual view, on
             the pairs that Adam saw; held_out_before_px, held_out_after_px: on a third as many others.
         exact_px: the same for the points moved as the part really moves, on the first pairs: the grain of the
-            pixels and edges that appear or vanish, which no plane can mend.
+            pixels and edges that appear or vanish, which no plane can remove.
         offset, tilt_u, tilt_v: the plane found, in units of half the box; see `plane_points`.
         train_s: wall seconds, making the pairs included.
     """

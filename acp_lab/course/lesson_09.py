@@ -15,7 +15,7 @@ from acp_lab.geometry.pose import disturb_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.states import StateConfig, StateMachine
 from acp_lab.tracking.tracker import Tracker

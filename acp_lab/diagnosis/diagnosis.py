@@ -27,8 +27,7 @@ from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.tracking.observer import TrackResult, TrackState
-from acp_lab.tracking.prediction import ConstantVelocity
+from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.session import TrackRun
 
 LOOK_BACK = 6
@@ -327,7 +326,7 @@ class _Case:
         if not (isinstance(before, Frame) and isinstance(after, Frame)):
             return None
         centre, last, truth = self.part.box_centre[None], self.pose(number - 1), self.truth(number)
-        predicted = self.expected(number)
+        predicted = self.results[number].predicted
         expected = after.camera.project(transform(predicted, centre))[0]
         if truth is not None:
             # A symmetry may move the box centre.
@@ -340,13 +339,6 @@ class _Case:
         reach = self.observer.reach_px(after.camera, last)
         moved = image_motion(before, after, points, expected - start, 5.0 * reach)
         return None if moved is None else float(np.linalg.norm(start + moved - expected))
-
-    def expected(self, number: int) -> FloatArray:
-        """The pose (4, 4) that constant-velocity prediction gives from the tracked poses before a frame."""
-        motion = ConstantVelocity(self.part.box_centre)
-        for result in self.results[max(number - 2, 0) : number]:
-            motion.observe(result.cam_T_obj)
-        return motion.predict()
 
     def start(self) -> Finding | None:
         """Wrong unit or intrinsics show in the first frames, where the start pose meets the image."""

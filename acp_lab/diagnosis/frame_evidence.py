@@ -21,9 +21,9 @@ from acp_lab.generator.base import VisibleSamples, project_samples
 from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.imaging.edge_search import SearchConfig, image_patch, search_along_normals
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.alignment import TRACKING_LEVELS
-from acp_lab.tracking.targets.image_edges import SearchConfig, image_patch, search_along_normals
+from acp_lab.tracking.schedule import PixelSchedule
 
 MOST_POINTS = 800
 NEAR_PX = 2.0
@@ -157,8 +157,7 @@ class PartObserver:
     def reach_px(self, camera: Camera, cam_T_obj: FloatArray) -> int:
         """How far the tracker's first level searches; less for a part that appears small."""
         depth = float(transform(cam_T_obj, self.part.box_centre)[2])
-        apparent_px = 2.0 * self.part.radius * camera.fx / max(depth, 1e-6)
-        return TRACKING_LEVELS[0].scaled(float(np.clip(apparent_px / 150.0, 0.5, 1.0))).reach_px
+        return PixelSchedule().at(self.part.diameter * camera.fx / max(depth, 1e-6))[0].reach_px
 
 
 def _common(ids: IntArray, others: IntArray) -> tuple[IntArray, IntArray]:

@@ -11,7 +11,7 @@ exact in position and always those of a rigid part.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import cv2
@@ -34,15 +34,27 @@ class GeneratedEdges:
         weights: (n,) in [0, 1], the belief that the edge point is visible.
         sample_ids: (n,) row of the part's 3D edge sample that each point shows; -1 when a
             generator knows no 3D sample.
+        outline: (n,) bool, the point is on the silhouette; all False when a generator does not know.
     """
 
     points: np.ndarray
     tangents: np.ndarray
     weights: np.ndarray
     sample_ids: np.ndarray
+    outline: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+
+    def __post_init__(self) -> None:
+        if len(self.outline) == 0:
+            object.__setattr__(self, "outline", np.zeros(len(self.points), bool))
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def take(self, rows: np.ndarray) -> GeneratedEdges:
+        """The edge points of some rows: their numbers, or a bool for each."""
+        return GeneratedEdges(
+            self.points[rows], self.tangents[rows], self.weights[rows], self.sample_ids[rows], self.outline[rows]
+        )
 
     @property
     def normals(self) -> np.ndarray:
@@ -101,7 +113,7 @@ def project_samples(
     points_cam = edges.points_obj[visible.ids] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
     tangents_cam = edges.tangents_obj[visible.ids] @ cam_T_obj[:3, :3].T
     tangents = image_tangents(points_cam, tangents_cam, camera)
-    return GeneratedEdges(camera.project(points_cam), tangents, visible.weights, visible.ids)
+    return GeneratedEdges(camera.project(points_cam), tangents, visible.weights, visible.ids, visible.outline)
 
 
 def image_tangents(points_cam: np.ndarray, tangents_cam: np.ndarray, camera: Camera) -> np.ndarray:

@@ -112,8 +112,8 @@ class VisibilityNetwork:
 
     @property
     def regions(self) -> tuple[int, ...]:
-        """The view regions 0..5 that were trained, ascending; `fallback` answers for the others."""
-        return tuple(sorted(self.networks))
+        """The view regions 0..5 that it answers for, ascending: the trained ones, with a fallback also that one's."""
+        return tuple(sorted({*self.networks, *(self.fallback.regions if self.fallback else ())}))
 
     def visible(self, cam_T_obj: np.ndarray, region: int, count: int) -> VisibleSamples:
         """At most `count` samples that show at a pose (4, 4), with the network's belief as weight."""

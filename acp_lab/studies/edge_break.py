@@ -18,10 +18,10 @@ from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
+from acp_lab.imaging.edge_search import SearchConfig, image_patch, search_along_normals
 from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.true_edges import TrueEdges
-from acp_lab.tracking.targets.image_edges import SearchConfig, image_patch, search_along_normals
 
 REACH_PX = 3
 LEAST_SCORE = 0.4

@@ -26,11 +26,11 @@ from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.imaging.canny import CannyConfig, blur, canny, to_grey
 from acp_lab.imaging.distance import distance_map, nearest_edges
+from acp_lab.imaging.edge_search import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
 from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.studies.true_edges import TrueEdges
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
-from acp_lab.tracking.targets.image_edges import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
 
 RULES = (
     "nearest edge",

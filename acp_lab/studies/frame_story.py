@@ -19,11 +19,10 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.studies.true_edges import TrueEdges
-from acp_lab.tracking.alignment import Observation
-from acp_lab.tracking.observer import TrackResult
-from acp_lab.tracking.prediction import ConstantVelocity
-from acp_lab.tracking.stopwatch import Stopwatch
-from acp_lab.tracking.tracker import Tracker, TrackerConfig
+from acp_lab.tracking.method import ACP, Method
+from acp_lab.tracking.result import TrackResult
+from acp_lab.tracking.targets.normals import NormalMeasure, NormalTarget
+from acp_lab.tracking.tracker import Tracker
 
 RIGHT_PX = 1.5
 """An image edge this near to an edge point's true place is that point's own."""
@@ -46,7 +45,7 @@ class FrameStory:
     cam_T_true: FloatArray
     last: FloatArray
     predicted: FloatArray
-    observation: Observation
+    observation: NormalMeasure
     way_px: FloatArray
     result: TrackResult
     _truth: TrueEdges
@@ -68,7 +67,7 @@ class FrameStory:
 
 
 def frame_story(
-    model: PreparedPart, sequence: Sequence, number: int, config: TrackerConfig | None = None
+    model: PreparedPart, sequence: Sequence, number: int, method: Method | str = ACP
 ) -> FrameStory:
     """Track a sequence of one object from its true first pose, and record the stages of its frame `number` (from 0).
 
@@ -83,32 +82,29 @@ def frame_story(
     cam_T_true = sequence.truth(frame.index, object_id)
     if cam_T_true is None:
         raise SequenceError(f"{sequence.name}: frame {number} has no truth: choose another")
-    tracker = Tracker(model, config)
-    motion = ConstantVelocity(model.part.box_centre)
-    motion.restart(tracker.start(frames[0], start).cam_T_obj)
-    region = 0
+    tracker = Tracker(model, method)
+    tracker.start(frames[0], start)
     for before in frames[1:-1]:
-        result = tracker.track(before)
-        motion.observe(result.cam_T_obj)
-        region = result.region
-    predicted = motion.predict()
-    observation = _first_search(tracker, frame, predicted, region)
+        tracker.track(before)
+    last, predicted = tracker.last, tracker.predicted
+    observation = _first_search(tracker, frame, predicted)
     if observation is None:
         raise SequenceError(f"{sequence.name}: the part is not seen in frame {number}: choose another")
     tracker.records_steps = True
-    last = motion.last
     result = tracker.track(frame)
-    points_obj = model.edges.points_obj[observation.visible.ids]
+    points_obj = model.edges.points_obj[observation.edges.sample_ids]
     shift = frame.camera.project(transform(cam_T_true, points_obj)) - observation.points
     way_px = (shift * observation.normals).sum(1)
     truth = TrueEdges(model.part, model.edges)
     return FrameStory(frame, cam_T_true, last, predicted, observation, way_px, result, truth)
 
 
-def _first_search(tracker: Tracker, frame: Frame, pose: FloatArray, region: int) -> Observation | None:
-    level = tracker.config.solver.levels[0]
-    margin_px = tracker.config.margin_px + level.reach_px
-    patch = tracker.aligner.patch(frame.image, frame.camera, pose, margin_px)
-    if patch is None:
+def _first_search(tracker: Tracker, frame: Frame, pose: FloatArray) -> NormalMeasure | None:
+    seen = tracker.look(frame, pose)
+    if seen is None:
         return None
-    return tracker.aligner.observe(patch, frame.camera, pose, region, level, Stopwatch())
+    target, at = seen.targets[0], seen.view.at_pose(pose)
+    if not isinstance(target, NormalTarget):
+        raise SequenceError(f"method {tracker.name} does not search along normals: take one that does, such as acp")
+    level = tracker.solver.levels_at(at)[0]
+    return target.search(tracker.solver.source.generate(at, level.samples), at, level)

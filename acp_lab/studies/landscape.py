@@ -22,16 +22,15 @@ from acp_lab.control_points.view_regions import choose_region
 from acp_lab.errors import GeometryError, TrackingError
 from acp_lab.generator.base import GeneratedEdges, project_samples
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose import so3_log
-from acp_lab.geometry.pose_step import centre_position
+from acp_lab.geometry.pose import so3_log, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.manipulation import view_of
+from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.losses import LossForm, edge_loss, reference_bce
-from acp_lab.tracking.measure import DistanceMeasure
 from acp_lab.tracking.motions import HomographyMotion, Motion, RigidMotion
-from acp_lab.tracking.solvers import SolverConfig, minimise
-from acp_lab.tracking.targets.distance_map import DistanceTarget, TargetConfig, distance_target
+from acp_lab.tracking.solvers import Problem, Solver, WeightedMeasure, minimise
+from acp_lab.tracking.targets.distance_map import DistanceMeasure, DistanceTarget, EdgeMapConfig, distance_target
 
 Space = Literal["control-points", "pose"]
 IMAGE_SIDE = 128
@@ -99,7 +98,7 @@ class LossSurface:
         model: PreparedPart,
         frame: Frame,
         cam_T_obj: FloatArray,
-        target: TargetConfig | None = None,
+        target: EdgeMapConfig | None = None,
         edges: int = 400,
         alpha: float = 0.07,
     ) -> None:
@@ -115,19 +114,20 @@ class LossSurface:
         self._middle = np.array(cam_T_obj, np.float64)
         region = choose_region(eye_position(self._middle) - part.box_centre, 0.5 * part.box_size)
         self._view = view_of(model, camera, self._middle, region)
-        self.control_points = self._view.project(self._middle)
+        centre = self._view.at_pose(self._middle)
+        self.control_points = centre.control_points
         generator = model.best_generator()
         visible = generator.visible(self._middle, region, edges)
         self.edges = project_samples(generator.edges, visible, self._middle, camera)
         inside = (self.edges.points > 0.0).all(1) & (self.edges.points < (camera.width - 1, camera.height - 1)).all(1)
         if inside.sum() < 20:
             raise TrackingError(f"{part.name}: at this pose fewer than 20 edge points are in frame {frame.index}")
-        depth = centre_position(self._middle, part.box_centre)[2]
+        depth = transform(self._middle, part.box_centre)[2]
         self.alpha_px = alpha * part.diameter * camera.fx / float(depth)
-        self.target = distance_target(frame.image, _box_around(self.edges.points), target or TargetConfig())
+        self.target = distance_target(frame.image, _box_around(self.edges.points), target or EdgeMapConfig())
         self._motions: dict[Space, Motion] = {
             "control-points": HomographyMotion(self.edges, self.control_points),
-            "pose": RigidMotion(self.edges, generator.edges.points_obj[visible.ids], self._view, self._middle),
+            "pose": RigidMotion(self.edges, generator.edges.points_obj[visible.ids], centre),
         }
 
     @staticmethod
@@ -163,26 +163,27 @@ class LossSurface:
         return np.asarray(grid[:, :, 0], dtype=np.float64)
 
     def descend(
-        self, space: Space, offsets: FloatArray, form: LossForm, alphas_px: tuple[float, ...], solver: SolverConfig
+        self, space: Space, offsets: FloatArray, form: LossForm, alphas_px: tuple[float, ...], solver: Solver
     ) -> Descent:
         """The solver's path from offsets (8,) or (6,), one level per alpha, all variables free.
 
         It ends early where a step leads to a degenerate I. The printed form may diverge.
         """
         motion = self._motions[space]
-        variables = motion.moved(self._start(space), offsets)
+        at = motion.moved(self._start(space), offsets)
         way, losses = [np.asarray(offsets, np.float64)], [float("nan")]
         for alpha_px in alphas_px:
+            problem = Problem(motion, [WeightedMeasure(DistanceMeasure(self.target, form, alpha_px))])
             try:
-                iterates = minimise(motion, DistanceMeasure(self.target, form, alpha_px), variables, solver)
+                iterates = minimise(problem, at, solver)
             except GeometryError:
                 break
-            steps = [self._offsets(space, iterate.variables) for iterate in iterates]
+            steps = [self._offsets(space, iterate) for iterate in iterates]
             if not (steps and np.isfinite(steps).all()):
                 break
             way += steps
-            losses += [iterate.loss for iterate in iterates]
-            variables = iterates[-1].variables
+            losses += [problem.loss(iterate) for iterate in iterates]
+            at = iterates[-1]
         return Descent(np.array(way), np.array(losses))
 
     def _over_grid(
@@ -206,15 +207,16 @@ class LossSurface:
                     continue
         return grid
 
-    def _start(self, space: Space) -> FloatArray:
-        return self.control_points if space == "control-points" else self._middle
+    def _start(self, space: Space) -> Estimate:
+        points, pose = self.control_points, self._middle
+        return self._view.at_points(points) if space == "control-points" else self._view.at_pose(pose)
 
-    def _offsets(self, space: Space, variables: FloatArray) -> FloatArray:
+    def _offsets(self, space: Space, at: Estimate) -> FloatArray:
         """The inverse of a motion's `moved`, from the middle."""
         if space == "control-points":
-            return (variables - self.control_points).reshape(8)
-        turn = so3_log(variables[:3, :3] @ self._middle[:3, :3].T)
-        now, before = (centre_position(pose, self._view.centre_obj) for pose in (variables, self._middle))
+            return (at.control_points - self.control_points).reshape(8)
+        turn = so3_log(at.cam_T_obj[:3, :3] @ self._middle[:3, :3].T)
+        now, before = (transform(pose, self._view.part.box_centre) for pose in (at.cam_T_obj, self._middle))
         return np.concatenate([turn, now - before])
 
 

@@ -24,7 +24,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import LossSurface
 from acp_lab.tracking.losses import LossForm
-from acp_lab.tracking.solvers import SolverConfig
+from acp_lab.tracking.solvers import GaussNewton
 from acp_lab.tracking.targets.distance_map import DistanceTarget
 
 ERASED_REACH_PX = 2.5
@@ -108,7 +108,7 @@ def loss_study(
         raise SequenceError(f"loss study of {len(frames)} frames and {len(truths)} poses: give one pose for each frame")
     metric = PartMetric(model.part, _MOST_VERTICES)
     errors = np.empty((len(choices), len(erased), len(frames) * config.trials))
-    solver = SolverConfig(steps=config.steps)
+    solver = GaussNewton(steps=config.steps)
     for which, (frame, truth) in enumerate(zip(frames, truths, strict=True)):
         whole = LossSurface(model, frame, truth)
         for trial in range(config.trials):

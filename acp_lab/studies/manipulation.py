@@ -17,12 +17,12 @@ import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples, visible_samples
 from acp_lab.cad.raycast import make_caster
-from acp_lab.control_points.canonical_frame import canonical_frame, eye_position
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, generate_edges, project_samples
-from acp_lab.generator.painted.edge_points import RIDGE_THRESHOLD, ridge
+from acp_lab.generator.painted.edge_points import RIDGE_THRESHOLD
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
@@ -33,7 +33,7 @@ from acp_lab.geometry.tps import warp_points_tps
 from acp_lab.imaging.chamfer import Chamfer, chamfer
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import View
-from acp_lab.tracking.sources.painted import RidgeSource
+from acp_lab.tracking.sources.painted import PaintedRidges
 
 MOST_PAINTED = 20_000
 Warp = Callable[[FloatArray], FloatArray]
@@ -83,7 +83,7 @@ class ManipulationBench:
         self.region = choose_region(eye_position(self.reference_pose) - part.box_centre, self._half_size)
         self._painter = None
         if self.region in model.autoencoders:
-            self._painter = RidgeSource(model.autoencoder(), "mid-section", ridge, RIDGE_THRESHOLD, MOST_PAINTED)
+            self._painter = PaintedRidges(level=RIDGE_THRESHOLD).open(model, "mid-section")
         self.points_obj = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[self.region].axis)
         self.control_points = self.points_at(self.reference_pose)
         self.reference = self.true_edges(self.reference_pose)
@@ -115,7 +115,7 @@ class ManipulationBench:
         ways = [_measured(name, False, _warped(self.reference, warp), truth) for name, warp in warps]
         if self._painter is not None:
             # The paper's network, in the canonical frame of the pose that PnP reads off I.
-            painted = self._painter.generate(self._view(cam_T_obj), control_points)
+            painted = self._painter.generate(self._view(cam_T_obj).at_points(control_points), MOST_PAINTED)
             ways.append(_measured("t(I) auto-encoder", False, painted, truth))
         for name, generator in self._generators:
             generated = generate_edges(
@@ -140,10 +140,10 @@ def view_of(model: PreparedPart, camera: Camera, cam_T_obj: FloatArray, region: 
     Raises GeometryError for an eye inside the part.
     """
     part = model.part
-    canonical = canonical_frame(eye_position(cam_T_obj), part.box_centre, part.radius, ALL_REGIONS[region])
-    to_image = canonical.homography_to(camera, cam_T_obj)
     points_obj = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[region].axis)
-    return View(camera, cam_T_obj, region, points_obj, part.box_centre, canonical, to_image)
+    view = View(camera, cam_T_obj, region, points_obj, part)
+    _ = view.canonical  # its error comes now, not when a generator asks
+    return view
 
 
 def _rigid_generators(model: PreparedPart) -> tuple[tuple[str, RigidGenerator], ...]:

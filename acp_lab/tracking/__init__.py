@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from acp_lab.tracking.observer import (
-    Observer,
-    SessionInfo,
-    TargetView,
-    Timings,
-    TrackedObject,
-    TrackResult,
-    TrackState,
-    TrackStep,
-)
+from acp_lab.tracking.method import METHODS, Method
+from acp_lab.tracking.observer import Observer, SessionInfo, TrackedObject
+from acp_lab.tracking.result import TargetView, Timings, TrackResult, TrackState, TrackStep
 from acp_lab.tracking.session import PartTracker, TrackRun, track_sequence
-from acp_lab.tracking.tracker import Tracker, TrackerConfig
+from acp_lab.tracking.tracker import Tracker
 
 __all__ = [
+    "METHODS",
+    "Method",
     "Observer",
     "PartTracker",
     "SessionInfo",
@@ -27,6 +22,5 @@ __all__ = [
     "TrackStep",
     "TrackedObject",
     "Tracker",
-    "TrackerConfig",
     "track_sequence",
 ]

@@ -1,168 +1,200 @@
-"""One frame of the paper's path: from the I that it starts with to the I that fits (paper IV-B, eqs 5 to 7).
+"""One frame: from the estimate that it starts with to the one that fits (paper IV-B, eqs 5 to 7).
 
-Per level of the annealed alpha: edges are generated at the present variables, taken to move as the configuration
-says, and a few steps of the solver go down e. The variables are the eight coordinates of I, or a pose for the
-ablation "w/o CP".
+Per level of the schedule: the source generates edges at the present estimate, every target binds them, and the
+solver takes a few steps down e on the motion that the method's variables make of them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.view_regions import REGION_COUNT, choose_region
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.pose_step import centre_position
-from acp_lab.tracking.frame_view import EdgeSource, View
-from acp_lab.tracking.learning.edge_memory import EdgeMemory
-from acp_lab.tracking.measure import DistanceMeasure, SearchMeasure
-from acp_lab.tracking.method import MethodConfig
-from acp_lab.tracking.motions import HomographyMotion, Motion, RegeneratedMotion, RigidMotion
-from acp_lab.tracking.observer import TrackStep
-from acp_lab.tracking.solvers import Iterate, Measure, minimise
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.frame_view import Estimate, FrameView, box_corners, crop_box
+from acp_lab.tracking.learning.knowledge import SampleKnowledge
+from acp_lab.tracking.method import Method
+from acp_lab.tracking.result import TrackStep
+from acp_lab.tracking.schedule import Level, scaled
+from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.solvers import Problem, WeightedMeasure, minimise
 from acp_lab.tracking.sources.lift import EdgeLifter
 from acp_lab.tracking.stopwatch import Stopwatch
-from acp_lab.tracking.targets.distance_map import DistanceTarget
-from acp_lab.tracking.targets.image_edges import ImagePatch, SearchConfig
+from acp_lab.tracking.targets import Measure
 
-# Fewer edge points than this cannot fix eight numbers with any safety.
-MIN_EDGES = 20
-# No annealing goes below this: the edges of a distance map lie on whole pixels.
-_LEAST_ALPHA_PX = 1.5
-
-
-@dataclass(frozen=True)
-class SolvedFrame:
-    """What one frame gave.
-
-    Attributes:
-        control_points: (4, 2) px; cam_T_obj: (4, 4) of them.
-        edges: those of the last level, where the pose has them; painted anew, at I, where they are ridges.
-        loss: e(I) on the last level; iterations: of the solver, on all levels; steps: each of them, when recorded.
-    """
-
-    control_points: np.ndarray
-    cam_T_obj: np.ndarray
-    edges: GeneratedEdges
-    loss: float
-    iterations: int
-    steps: tuple[TrackStep, ...]
-
-
-@dataclass(frozen=True)
-class RigidWish:
-    """The wish that I stays a projection of W: its part in the two directions that no rigid motion makes.
-
-    rigid: (8,) I of the pose of the level's start; jacobian: (2, 8) unit rows across all rigid motions there.
-    """
-
-    weight: float
-    rigid: np.ndarray
-    jacobian: np.ndarray
-
-    def residual(self, variables: np.ndarray) -> np.ndarray:
-        """(2,) px still to go."""
-        wish: np.ndarray = self.jacobian @ (self.rigid - variables.reshape(8))
-        return wish
-
-    @classmethod
-    def at(cls, view: View, control_points: np.ndarray, weight: float) -> RigidWish:
-        """The wish around I (4, 2); GeometryError where I is degenerate."""
-        pose = view.pose(control_points)
-        basis, _ = np.linalg.qr(view.control_jacobian(pose), mode="complete")
-        return cls(weight, view.project(pose).reshape(8), basis[:, 6:].T)
-
-
-@dataclass(frozen=True)
-class FrameView:
-    """What a frame offers to be compared with; `target` for the distance map, `patch` for the search along normals."""
-
-    target: DistanceTarget | None
-    patch: ImagePatch | None
+# Fewer edge points than this cannot fix six degrees of freedom with any safety.
+MIN_EDGES = 12
 
 
 class FrameSolver:
-    """Solves frames of one part by one method."""
+    """Solves frames of one prepared part by one method.
 
-    def __init__(self, config: MethodConfig, source: EdgeSource, lifter: EdgeLifter | None, diameter: float) -> None:
-        self.config = config
-        self.memory: EdgeMemory | None = None
-        self.trust: np.ndarray | None = None
-        self._source = source
-        self._lifter = lifter
-        self._diameter = diameter
+    knowledge: what was learnt of the part's edge samples so far. records_steps: whether solutions carry their steps.
+    control_points_obj: (4, 3) mm per view region 0..5, the method's W; those of regions that the method cannot track in
+    are the box's middle section.
+    """
+
+    def __init__(self, model: PreparedPart, method: Method) -> None:
+        """PreparationError when the part lacks the generator that the method needs."""
+        self.part = model.part
+        self.method = method
+        self.source = method.open_source(model)
+        self.control_points_obj = method.control_points_of(model, self.source.regions)
+        self.records_steps = False
+        self._model = model
+        self._lifter = EdgeLifter(model.part, model.edges)
+        self._corners_obj = box_corners(model.part)
+        self._half_size = 0.5 * model.part.box_size
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is known of the edge samples."""
+        self.knowledge = SampleKnowledge(self.method.learning, self._model)
+
+    def natural_region(self, cam_T_obj: FloatArray) -> int:
+        """The view region 0..5 that a pose (4, 4) is in, prepared or not."""
+        return self._choose(cam_T_obj, None, range(REGION_COUNT))
+
+    def choose_region(self, cam_T_obj: FloatArray, current: int | None = None) -> int:
+        """The view region 0..5 to use at a pose (4, 4), among the prepared ones; the current one with hysteresis."""
+        return self._choose(cam_T_obj, current, self.source.regions)
+
+    def is_prepared_for(self, cam_T_obj: FloatArray, region: int) -> bool:
+        """Whether a view region serves a pose (4, 4): it is the pose's own, or would be kept by hysteresis."""
+        return self._choose(cam_T_obj, region, range(REGION_COUNT)) == region
+
+    def look(
+        self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, margin_px: float | None = None
+    ) -> SeenFrame | None:
+        """The frame around the part at a prior pose (4, 4).
+
+        None where the part is behind the camera or outside the image.
+        """
+        margin_px = self.method.margin_px if margin_px is None else margin_px
+        box = crop_box(self._corners_obj, prior, camera, margin_px)
+        if box is None:
+            return None
+        view = self.view(image, camera, prior, region, box)
+        return SeenFrame(view, tuple(target.see(view, self.knowledge) for target in self.method.targets))
+
+    def view(self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, box: tuple[int, ...]) -> FrameView:
+        """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1)."""
+        return FrameView(
+            camera,
+            prior,
+            region,
+            self.control_points_obj[region],
+            self.part,
+            self.source.canonical_size,
+            image=image,
+            box=(box[0], box[1], box[2], box[3]),
+        )
+
+    def at_pose(self, seen: SeenFrame, cam_T_obj: FloatArray) -> Estimate:
+        """The estimate of a pose (4, 4) in the view region that it is in, whatever that of the frame's view."""
+        view = seen.view
+        return self.view(view.image, view.camera, view.prior, self.choose_region(cam_T_obj), view.box).at_pose(
+            cam_T_obj
+        )
 
     def solve(
-        self, seen: FrameView, view: View, control_points: np.ndarray, clock: Stopwatch, records_steps: bool
-    ) -> SolvedFrame | None:
-        """argmin e from I (4, 2) px; None where too few edges are generated or I degenerates."""
-        is_pose = self.config.variables == "pose"
-        alpha_px = self.alpha_px(view)
-        iterations, loss, steps = 0, float("nan"), []
+        self, seen: SeenFrame, start: Estimate, clock: Stopwatch, levels: tuple[Level, ...] | None = None
+    ) -> Solution | None:
+        """argmin e from an estimate; None where too few edges are generated or the estimate is degenerate.
+
+        levels: instead of the method's own, for a part that appears large.
+        """
         try:
-            variables = view.pose(control_points) if is_pose else control_points
-            for level, share in enumerate(self.config.loss.schedule):
-                clock.lap()
-                points = view.project(variables) if is_pose else variables
-                edges = self._source.generate(view, points)
-                if len(edges) < MIN_EDGES:
-                    return None
-                clock.generate_s += clock.lap()
-                motion = self._motion(view, edges, variables)
-                prior = None
-                if self.config.rigid_prior > 0.0 and not is_pose:
-                    prior = RigidWish.at(view, variables, self.config.rigid_prior)
-                measure = self.measure(seen, max(share * alpha_px, _LEAST_ALPHA_PX))
-                iterates = minimise(motion, measure, variables, self.config.solver, prior, self._scale(view, is_pose))
-                variables, loss = iterates[-1].variables, iterates[-1].loss
-                iterations += len(iterates)
-                if records_steps:
-                    steps += [self._step(view, iterate, level) for iterate in iterates]
-                clock.solve_s += clock.lap()
-            pose = variables if is_pose else view.pose(variables)
-            points = view.project(pose) if is_pose else variables
+            return self._solve(seen, start, clock, levels)
+        except GeometryError:
+            return None
+
+    def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Stopwatch) -> Solution | None:
+        """What the frame says of an estimate as it is, without moving it; None where too few edges show."""
+        try:
+            edges = self._generate(at, level.samples, clock)
+            if edges is None:
+                return None
+            measure = seen.targets[0].bind(edges, at, level)
+            judgement = measure.judge(edges, edges, at)
+            clock.search_s += clock.lap()
+            return Solution(at, judgement, judgement.loss)
+        except GeometryError:
+            return None
+
+    def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
+        """In [0, 1]: how well the frame agrees with an estimate, whatever was learnt of how its edges look."""
+        try:
+            edges = self._generate(at, level.samples, Stopwatch())
+        except GeometryError:
+            return 0.0
+        return 0.0 if edges is None else seen.targets[0].agreement(edges, at, level, level.sigma_px)
+
+    def levels_at(self, at: Estimate, levels: tuple[Level, ...] | None = None) -> tuple[Level, ...]:
+        """The method's levels, or others, for the size that the part has in the image at an estimate."""
+        depth = float(transform(at.cam_T_obj, self.part.box_centre)[2])
+        size_px = self.part.diameter * at.view.camera.fx / max(depth, 1e-6)
+        return self.method.schedule.at(size_px) if levels is None else scaled(levels, size_px)
+
+    def _choose(self, cam_T_obj: FloatArray, current: int | None, among: tuple[int, ...] | range) -> int:
+        eye = eye_position(cam_T_obj) - self.part.box_centre
+        return choose_region(eye, self._half_size, current, among=tuple(among))
+
+    def _generate(self, at: Estimate, samples: int, clock: Stopwatch) -> GeneratedEdges | None:
+        clock.lap()
+        edges = self.source.generate(at, samples)
+        clock.generate_s += clock.lap()
+        return edges if len(edges) >= MIN_EDGES and np.isfinite(edges.points.sum()) else None
+
+    def _solve(
+        self, seen: SeenFrame, start: Estimate, clock: Stopwatch, levels: tuple[Level, ...] | None
+    ) -> Solution | None:
+        method, at = self.method, start
+        iterations, steps = 0, list[TrackStep]()
+        solution: Solution | None = None
+        all_levels = self.levels_at(start, levels)
+        for number, level in enumerate(all_levels):
+            edges = self._generate(at, level.samples, clock)
+            if edges is None:
+                return None
+            motion = method.variables.motion(self.source, edges, at, self._lifter, level.samples)
+            measures = [target.bind(edges, at, level) for target in seen.targets]
+            clock.search_s += clock.lap()
+            problem = Problem(
+                motion,
+                [WeightedMeasure(m, t.weight) for m, t in zip(measures, method.targets, strict=True)],
+                [prior.bind(method.variables, at) for prior in method.priors],
+                method.variables.scale(at.view),
+            )
+            iterates = minimise(problem, at, method.solver)
+            at = iterates[-1] if iterates else at
+            iterations += len(iterates)
+            if self.records_steps:
+                steps += [_step(i, number, self._reported_loss(measures, motion.edges(i))) for i in iterates]
+            if number == len(all_levels) - 1:
+                moved = motion.edges(at)
+                judgement = measures[0].judge(moved, self.source.reproject(at, edges), at)
+                loss = method.targets[0].weight * judgement.loss + self._reported_loss(measures, moved, first=1)
+                solution = Solution(at, judgement, loss, iterations, tuple(steps))
             clock.solve_s += clock.lap()
-            edges = self._source.settled(view, points, pose, edges)
-            clock.generate_s += clock.lap()
-        except GeometryError:
-            return None
-        if not (np.isfinite(pose).all() and np.isfinite(points).all()):
-            return None
-        return SolvedFrame(points, pose, edges, loss, iterations, tuple(steps))
+        # Not finite where the last step put some edge points behind the camera.
+        is_finite = solution is not None and np.isfinite(at.cam_T_obj).all() and np.isfinite(solution.loss)
+        return solution if is_finite else None
 
-    def alpha_px(self, view: View) -> float:
-        """Alpha in px: its share of the part's diameter as projected at the prior pose."""
-        depth = centre_position(view.prior, view.centre_obj)[2]
-        return self.config.loss.alpha * self._diameter * view.camera.fx / max(float(depth), 1e-6)
+    def _reported_loss(self, measures: list[Measure], edges: GeneratedEdges, first: int = 0) -> float:
+        """e at a step; first: the measure to begin with."""
+        targets = self.method.targets[first:]
+        return sum(t.weight * m.reported_loss(edges) for m, t in zip(measures[first:], targets, strict=True))
 
-    def measure(self, seen: FrameView, alpha_px: float) -> Measure:
-        """How edge points are compared with the frame, with alpha at alpha_px."""
-        if seen.target is not None:
-            return DistanceMeasure(seen.target, self.config.loss.form, alpha_px)
-        assert seen.patch is not None, "a frame offers a distance map or a patch to search in"
-        return SearchMeasure(seen.patch, alpha_px, SearchConfig(), self.memory, self.trust)
 
-    def _motion(self, view: View, edges: GeneratedEdges, variables: np.ndarray) -> Motion:
-        if self.config.variables == "pose":
-            assert self._lifter is not None, "a pose moves edges by their 3D points"
-            return RigidMotion(edges, self._lifter.lift(edges, variables, view.camera), view, variables)
-        if self.config.direction == "homography":
-            return HomographyMotion(edges, variables)
-        return RegeneratedMotion(self._source, view, self.config.direction == "regeneration")
-
-    def _scale(self, view: View, is_pose: bool) -> np.ndarray | None:
-        """(6,) how much of each pose parameter moves the part's rim by about a pixel, for Adam's one rate."""
-        if not is_pose:
-            return None
-        mm_per_px = float(centre_position(view.prior, view.centre_obj)[2]) / view.camera.fx
-        return np.repeat([mm_per_px / (0.5 * self._diameter), mm_per_px], 3)
-
-    def _step(self, view: View, iterate: Iterate, level: int) -> TrackStep:
-        if self.config.variables == "pose":
-            return TrackStep(view.project(iterate.variables), iterate.variables, iterate.loss, level)
-        try:
-            pose = view.pose(iterate.variables)
-        except GeometryError:
-            pose = np.full((4, 4), np.nan)
-        return TrackStep(iterate.variables, pose, iterate.loss, level)
+def _step(at: Estimate, level: int, loss: float) -> TrackStep:
+    try:
+        pose = at.cam_T_obj
+    except GeometryError:
+        pose = np.full((4, 4), np.nan)
+    return TrackStep(at.control_points, pose, loss, level)

@@ -1,104 +1,154 @@
-"""t(I) inside one frame: from eight image coordinates to edge points, and how these move when I moves.
+"""What stays fixed while one frame is solved, and what is sought in it.
 
-The sources: `rigid_source` for generators that choose among the part's 3D edge samples, `painted_source` for the
-auto-encoder, which paints an edge image. `flow` answers how edge points follow I when edges are generated anew:
-through the network (autograd) or by differences.
+A `View` is where the part is expected: camera, prior pose, view region with its W. An `Estimate` is a guess in that
+view: control points I and a pose, of which the method varies one and the other follows. A `FrameView` is a view
+with the image, cropped to where the part may be.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
-from acp_lab.control_points.canonical_frame import CanonicalFrame
-from acp_lab.generator.base import GeneratedEdges
+from acp_lab.cad.part import Part
+from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, CanonicalFrame, canonical_frame, eye_position
+from acp_lab.control_points.view_regions import ALL_REGIONS
+from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
-from acp_lab.geometry.pose_step import centre_position, control_point_jacobian, image_directions, step_jacobian
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import control_point_jacobian, image_directions, step_jacobian
 
-# For derivatives by differences: far from rounding, and the edges are nearly straight over it.
-DIFFERENCE_PX = 0.25
+Box = tuple[int, int, int, int]
+"""(x0, y0, x1, y1) px of the full image; x1 and y1 excluded."""
+# A crop with less of the image than this shows nothing of the part.
+_LEAST_OVERLAP_PX = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
-    """What stays fixed while one frame is solved.
+    """Where a part is expected in one frame.
 
     Attributes:
         camera: of the frame.
-        prior: (4, 4) cam_T_obj predicted for the frame.
-        region: 0..5; points_obj: (4, 3) its W, mm.
-        centre_obj: (3,) mm, the part's centre.
-        canonical: the canonical frame of the prior; image_H_canonical: (3, 3) from it to the image.
+        prior: (4, 4) cam_T_obj, the expected pose.
+        region: 0..5, the view region in use; points_obj: (4, 3) mm, its control points W.
+        part: the CAD model.
+        canonical_size: px, side of the canonical image that the part's generator paints.
     """
 
     camera: Camera
-    prior: np.ndarray
+    prior: FloatArray
     region: int
-    points_obj: np.ndarray
-    centre_obj: np.ndarray
-    canonical: CanonicalFrame
-    image_H_canonical: np.ndarray
+    points_obj: FloatArray
+    part: Part
+    canonical_size: int = CANONICAL_SIZE
 
-    def pose(self, control_points: np.ndarray) -> np.ndarray:
-        """(4, 4) cam_T_obj by PnP of I (4, 2), of its two solutions the one nearer to the prior (paper IV-B).
+    def at_pose(self, cam_T_obj: FloatArray) -> Estimate:
+        """The estimate of a pose (4, 4)."""
+        return Estimate(self, pose=cam_T_obj)
 
-        Raises GeometryError where I is degenerate, unless it is that of the prior.
-        """
-        if np.array_equal(control_points, self.prior_points):
-            return self.prior  # where most frames start; PnP would say the same
-        return solve_planar_pnp(self.points_obj, control_points, self.camera).nearest(self.prior)
+    def at_points(self, control_points: FloatArray) -> Estimate:
+        """The estimate of control points I (4, 2) px."""
+        return Estimate(self, points=control_points)
+
+    def control_jacobian(self, cam_T_obj: FloatArray) -> FloatArray:
+        """(8, 6) derivative of I by a pose step about the part's centre, at a pose (4, 4)."""
+        centre_cam = transform(cam_T_obj, self.part.box_centre)
+        return control_point_jacobian(transform(cam_T_obj, self.points_obj), centre_cam, self.camera)
+
+    def pose_jacobian(self, cam_T_obj: FloatArray, points_obj: FloatArray, directions: FloatArray) -> FloatArray:
+        """(n, 6) how projections of points_obj (n, 3) mm move along image directions (n, 2) by a step of a pose."""
+        points_cam, centre_cam = transform(cam_T_obj, points_obj), transform(cam_T_obj, self.part.box_centre)
+        return step_jacobian(points_cam, image_directions(points_cam, directions, self.camera), centre_cam)
 
     @cached_property
-    def canonical_H_image(self) -> np.ndarray:
+    def canonical(self) -> CanonicalFrame:
+        """The canonical frame of the prior; GeometryError where its eye is inside the part's bounding sphere."""
+        part, region = self.part, ALL_REGIONS[self.region]
+        return canonical_frame(eye_position(self.prior), part.box_centre, part.radius, region, self.canonical_size)
+
+    @cached_property
+    def image_H_canonical(self) -> FloatArray:
+        """(3, 3) from the canonical frame to the image."""
+        return self.canonical.homography_to(self.camera, self.prior)
+
+    @cached_property
+    def canonical_H_image(self) -> FloatArray:
         """(3, 3) from the image to the canonical frame."""
-        return np.linalg.inv(self.image_H_canonical)
+        return np.asarray(np.linalg.inv(self.image_H_canonical), np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Control points and pose in one view: one of the two is given, the other is worked out when it is asked for.
+
+    From pose to points by projection of W, from points to pose by planar PnP, of whose two solutions the one nearer to
+    the view's prior is taken (paper IV-B).
+    """
+
+    view: View
+    pose: FloatArray | None = None
+    points: FloatArray | None = None
 
     @cached_property
-    def prior_points(self) -> np.ndarray:
-        """(4, 2) px: I of the prior."""
-        return self.project(self.prior)
+    def cam_T_obj(self) -> FloatArray:
+        """(4, 4) mm; GeometryError where I is degenerate."""
+        if self.pose is not None:
+            return self.pose
+        assert self.points is not None, "an estimate is of a pose or of control points"
+        return solve_planar_pnp(self.view.points_obj, self.points, self.view.camera).nearest(self.view.prior)
 
-    def project(self, cam_T_obj: np.ndarray) -> np.ndarray:
-        """(4, 2) px: I of a pose (4, 4)."""
-        return self.camera.project(self.points_obj @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3])
+    @cached_property
+    def control_points(self) -> FloatArray:
+        """(4, 2) px: I."""
+        if self.points is not None:
+            return self.points
+        return self.view.camera.project(transform(self.cam_T_obj, self.view.points_obj))
 
-    def control_jacobian(self, cam_T_obj: np.ndarray) -> np.ndarray:
-        """(8, 6) derivative of I by a pose step about the part's centre."""
-        points_cam = self.points_obj @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
-        return control_point_jacobian(points_cam, centre_position(cam_T_obj, self.centre_obj), self.camera)
-
-
-class EdgeSource(Protocol):
-    """t(I) in one frame."""
-
-    def generate(self, view: View, control_points: np.ndarray) -> GeneratedEdges:
-        """The edges of I (4, 2) px."""
-        ...
-
-    def settled(
-        self, view: View, control_points: np.ndarray, cam_T_obj: np.ndarray, edges: GeneratedEdges
-    ) -> GeneratedEdges:
-        """The edges of I (4, 2) px with its pose (4, 4), given the `edges` of an I nearby.
-
-        Sources that know which samples these show only move them: which ones show changes more slowly.
-        """
-        ...
-
-    def flow(self, view: View, control_points: np.ndarray, edges: GeneratedEdges, by_differences: bool) -> np.ndarray:
-        """(n, 2, 8) how the edge points that `generate` gave for I move by I, when edges are generated anew."""
-        ...
+    @property
+    def is_possible(self) -> bool:
+        """Whether all numbers are finite and the part's centre, by a given pose, is in front of the camera."""
+        if self.pose is None:
+            return bool(np.isfinite(self.control_points).all())
+        # The centre: the origin of a CAD file may lie anywhere, also behind the camera.
+        depth = self.pose[2, :3] @ self.view.part.box_centre + self.pose[2, 3]
+        return bool(depth > 0.0 and np.isfinite(self.pose.sum()))
 
 
-def pose_flow(view: View, cam_T_obj: np.ndarray, points_obj: np.ndarray) -> np.ndarray:
-    """(n, 2, 6) how the projections of points_obj (n, 3) mm move by a pose step about the part's centre."""
-    points_cam = points_obj @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
-    centre_cam = centre_position(cam_T_obj, view.centre_obj)
-    flow = np.empty((len(points_obj), 2, 6))
-    for axis, direction in enumerate(np.eye(2)):
-        along = image_directions(points_cam, np.tile(direction, (len(points_cam), 1)), view.camera)
-        flow[:, axis] = step_jacobian(points_cam, along, centre_cam)
-    return flow
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrameView(View):
+    """A view with the image.
+
+    Attributes:
+        image: (h, w, 3) uint8 RGB, the whole frame.
+        box: what is looked at.
+    """
+
+    image: ByteImage
+    box: Box
+
+
+def box_corners(part: Part) -> FloatArray:
+    """(8, 3) mm: the corners of a part's bounding box in the object frame."""
+    (x0, y0, z0), (x1, y1, z1) = part.box_min, part.box_max
+    return np.array([[x, y, z] for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
+
+
+def crop_box(corners_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, margin_px: float) -> Box | None:
+    """The box around a part's corners (8, 3) mm at a pose (4, 4), wider by a margin.
+
+    None where a corner is behind the camera, or the box outside the image.
+    """
+    corners = camera.project(transform(cam_T_obj, corners_obj))
+    if not np.isfinite(corners).all():
+        return None
+    (x0, y0), (x1, y1) = corners.min(0) - margin_px, corners.max(0) + margin_px
+    least = _LEAST_OVERLAP_PX
+    if x1 < least or y1 < least or x0 > camera.width - least or y0 > camera.height - least:
+        return None
+    # A part that fills far more than the image is searched inside the image only; keep the numbers small.
+    x0, y0, x1, y1 = (float(np.clip(value, -1e4, 1e4)) for value in (x0, y0, x1, y1))
+    return int(x0), int(y0), int(x1) + 1, int(y1) + 1

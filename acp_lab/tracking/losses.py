@@ -1,7 +1,7 @@
 """e(I) in all its readings: what a generated edge point pays for its distance to the nearest image edge.
 
 Paper IV-B wants a mean distance in which edge points without an image edge near by count less, since
-reflections hide edges. Its formula (eq. 6, labelled eq8),
+reflections hide edges. Its formula (eq. 6),
 
     e(I) = sum 1 / (1 - exp(D - alpha)),
 
@@ -20,6 +20,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from acp_lab.geometry.arrays import FloatArray
+
 LossForm = Literal["printed", "logistic", "saturating", "geman-mcclure", "tukey"]
 
 # Nearer than this, a point is on its edge; the logistic's gradient does not vanish there and would weigh without end.
@@ -32,11 +34,15 @@ _FAR = 30.0
 class LossValues:
     """values: (n,) what each edge point pays; derivatives: (n,) by its distance D, per px."""
 
-    values: np.ndarray
-    derivatives: np.ndarray
+    values: FloatArray
+    derivatives: FloatArray
+
+    def least_squares_weights(self, distances: FloatArray) -> FloatArray:
+        """(n,) weights w with w D = e'(D): one step of re-weighted least squares goes down this loss."""
+        return self.derivatives / np.maximum(distances, _ON_EDGE_PX)
 
 
-def printed(distances: np.ndarray, alpha_px: float) -> LossValues:
+def printed(distances: FloatArray, alpha_px: float) -> LossValues:
     """1 / (1 - exp(D - alpha)): eq. 6 as printed, to be looked at, not to be minimised.
 
     At alpha = 15 px it is +10.5 at D = 14.9 and -9.5 at D = 15.1, and the pole lies between. Below alpha it grows
@@ -49,7 +55,7 @@ def printed(distances: np.ndarray, alpha_px: float) -> LossValues:
         return LossValues(values, growth * values * values)
 
 
-def logistic(distances: np.ndarray, alpha_px: float) -> LossValues:
+def logistic(distances: FloatArray, alpha_px: float) -> LossValues:
     """1 / (1 + exp(-(D - alpha))): the same with the signs that make it bounded, from 0 on the edge to 1 far away.
 
     With its slope of 1 per px it is a soft count of the points beyond alpha. Near the edge it is flat (3e-7 per px at
@@ -59,7 +65,7 @@ def logistic(distances: np.ndarray, alpha_px: float) -> LossValues:
     return LossValues(values, values * (1.0 - values))
 
 
-def saturating(distances: np.ndarray, alpha_px: float) -> LossValues:
+def saturating(distances: FloatArray, alpha_px: float) -> LossValues:
     """Least squares whose weight fades at alpha: e'(D) = D / (1 + exp((D - alpha) / tau)), tau = alpha / 4.
 
     What the text around eq. 6 says: near points count with their distance, points beyond alpha with "a lower weight".
@@ -72,7 +78,7 @@ def saturating(distances: np.ndarray, alpha_px: float) -> LossValues:
     near = np.minimum(distances, alpha_px + _FAR * tau)
     scaled = (near - alpha_px) / tau
 
-    def area_of_rest(d: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def area_of_rest(d: FloatArray, u: FloatArray) -> FloatArray:
         return d * tau * np.logaddexp(0.0, u) + tau * tau * spence(1.0 + np.exp(u))
 
     start = area_of_rest(np.zeros(1), np.full(1, -alpha_px / tau))
@@ -80,14 +86,14 @@ def saturating(distances: np.ndarray, alpha_px: float) -> LossValues:
     return LossValues(values, distances * _sigmoid((alpha_px - distances) / tau))
 
 
-def geman_mcclure(distances: np.ndarray, alpha_px: float) -> LossValues:
+def geman_mcclure(distances: FloatArray, alpha_px: float) -> LossValues:
     """alpha^2 / 2 * D^2 / (D^2 + alpha^2): quadratic on the edge, never above alpha^2 / 2 (Geman and McClure 1987)."""
     square, scale = distances * distances, alpha_px * alpha_px
     share = scale / (square + scale)
     return LossValues(0.5 * square * share, distances * share * share)
 
 
-def tukey(distances: np.ndarray, alpha_px: float) -> LossValues:
+def tukey(distances: FloatArray, alpha_px: float) -> LossValues:
     """alpha^2 / 6 * (1 - (1 - (D / alpha)^2)^3) up to alpha, constant beyond (Tukey's biweight).
 
     Points beyond alpha have no say at all.
@@ -96,7 +102,7 @@ def tukey(distances: np.ndarray, alpha_px: float) -> LossValues:
     return LossValues(alpha_px**2 / 6.0 * (1.0 - inside**3), distances * inside * inside)
 
 
-_LOSSES: dict[str, Callable[[np.ndarray, float], LossValues]] = {
+_LOSSES: dict[str, Callable[[FloatArray, float], LossValues]] = {
     "printed": printed,
     "logistic": logistic,
     "saturating": saturating,
@@ -106,18 +112,12 @@ _LOSSES: dict[str, Callable[[np.ndarray, float], LossValues]] = {
 LOSS_FORMS: tuple[str, ...] = get_args(LossForm)
 
 
-def edge_loss(form: LossForm, distances: np.ndarray, alpha_px: float) -> LossValues:
+def edge_loss(form: LossForm, distances: FloatArray, alpha_px: float) -> LossValues:
     """The loss named `form` of distances (n,) px; alpha_px above 0."""
     return _LOSSES[form](distances, alpha_px)
 
 
-def least_squares_weights(form: LossForm, distances: np.ndarray, alpha_px: float) -> np.ndarray:
-    """(n,) weights w with w D = e'(D): one step of re-weighted least squares goes down the loss `form`."""
-    derivatives = edge_loss(form, distances, alpha_px).derivatives
-    return derivatives / np.maximum(distances, _ON_EDGE_PX)
-
-
-def reference_bce(generated: np.ndarray, target: np.ndarray) -> LossValues:
+def reference_bce(generated: FloatArray, target: FloatArray) -> LossValues:
     """The authors' public code instead compares images: binary cross entropy of a generated and a captured edge image.
 
     It needs no distances, and sees no edge that is more than a stroke's width away.
@@ -134,6 +134,6 @@ def reference_bce(generated: np.ndarray, target: np.ndarray) -> LossValues:
     return LossValues(values, (belief - target) / (belief * (1.0 - belief)))
 
 
-def _sigmoid(x: np.ndarray) -> np.ndarray:
+def _sigmoid(x: FloatArray) -> FloatArray:
     # Through tanh, which does not overflow.
     return 0.5 * (1.0 + np.tanh(0.5 * x))

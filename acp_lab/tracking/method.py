@@ -1,7 +1,19 @@
-"""A tracking method as one frozen configuration: which generator, target, loss, direction, solver, prior and W.
+"""A tracking method: a frozen sum of parts, each with its own settings.
 
-`acp-paper` is the paper's path from end to end; the two ablations of its Table III are `acp-paper` with one thing
-changed. Any other combination is a configuration too, by `dataclasses.replace` or from a TOML file (`method_file`).
+    source      which edges t(I) generates                     sources/
+    variables   what is varied, and how edges follow it        motions
+    targets     what the frame compares them with              targets/
+    schedule    coarse to fine                                 schedule
+    priors      what is believed beside the image              priors
+    solver      how e is minimised                             solvers
+    prediction  where the next frame starts                    prediction
+    start       what the first frame does with a given pose    start
+    recovery    what happens when a frame fits badly           recovery
+    learning    what is learnt of each edge sample             learning/
+
+`acp-paper-samples` is the paper's path with the CAD's own edge samples gated by the painted image; the two
+ablations of Table III are the same with one part changed. Any other sum of parts is a method too, by
+`dataclasses.replace` or from a TOML file (`method_file`). A sum in which some setting would be ignored is refused.
 """
 
 from __future__ import annotations
@@ -9,105 +21,154 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import TrackingError
-from acp_lab.tracking.losses import LossForm
-from acp_lab.tracking.solvers import SolverConfig
-from acp_lab.tracking.targets.distance_map import TargetConfig
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
+from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
+from acp_lab.tracking.priors import ControlPointDamping, RigidityPrior
+from acp_lab.tracking.recovery import SecondTries
+from acp_lab.tracking.schedule import PixelSchedule, ShareSchedule
+from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt
+from acp_lab.tracking.sources import EdgeSource
+from acp_lab.tracking.sources.painted import PaintedRidges, PaintedSamples
+from acp_lab.tracking.sources.rigid import CadSamples
+from acp_lab.tracking.start import TrustedStart
+from acp_lab.tracking.states import StateConfig
+from acp_lab.tracking.targets.distance_map import DistanceMap
+from acp_lab.tracking.targets.normals import NormalSearch
 
-GeneratorName = Literal["autoencoder", "learned", "templates"]
-Variables = Literal["control-points", "pose"]
-PointSetName = Literal["regressed", "mid-section"]
-EdgePoints = Literal["samples", "ridge", "threshold"]
-Direction = Literal["homography", "autograd", "regeneration"]
-Prediction = Literal["last", "constant-velocity"]
+Source = CadSamples | PaintedSamples | PaintedRidges
+Variables = ControlPointVariables | PoseVariables
+TargetConfig = DistanceMap | NormalSearch
+Schedule = PixelSchedule | ShareSchedule
+PriorConfig = ControlPointDamping | RigidityPrior
+SolverConfig = GaussNewton | LevenbergMarquardt | Adam
+PredictionConfig = ConstantVelocityPrediction | LastPosePrediction
 
 
 @dataclass(frozen=True)
-class LossConfig:
-    """e(I) (paper eq. 6) and its alpha.
+class Method:
+    """Everything that makes a method, and everything that can be set; the defaults are those of `acp`.
 
     Attributes:
-        form: see `losses`; "printed" cannot be minimised and is refused.
-        alpha: as a share of the projected diameter; the paper says 0.05 to 0.10.
-        schedule: multiples of alpha, one level each, coarse to fine; (1.0,) is the paper's fixed alpha.
+        name: what results are called; summary: one line for lists.
+        control_points: W (IV-C): "regressed", or the middle section of the box ("w/o opt" in paper Table III).
+        margin_px: image kept around the part.
+        states: when a part counts as tracking, weak or lost.
+        The others: see the module's head.
     """
 
-    form: LossForm = "geman-mcclure"
-    alpha: float = 0.05
-    schedule: tuple[float, ...] = (1.0, 0.6, 0.4)
-
-
-@dataclass(frozen=True)
-class MethodConfig:
-    """Everything that makes a method, and everything that can be set.
-
-    Attributes:
-        name: what results are called.
-        generator: t(I) (IV-A); "autoencoder" is the paper's.
-        variables: what is optimised; the paper's eight coordinates, or the six of a pose ("w/o CP").
-        control_points: W (IV-C); "regressed", or the middle section of the box ("w/o opt").
-        direction: how edges are taken to follow I within a level: by the homography of the control points (the paper),
-            through the generator (autograd), or by generating anew beside I. A pose moves edges as rigid.
-        edges: edge points used at most.
-        edge_points: how points are read off a painted edge image; "ridge" and "threshold" are the paper's, "samples"
-            lets the image choose among the CAD's edge samples (see `painted_source`).
-        edge_level: the least brightness of an edge point.
-        target, loss, solver: see there.
-        rigid_prior: weight of the wish that I stays a projection of W, per squared px; 0 for none, as in the paper.
-        prediction: where a frame starts; "last" is the paper's.
-        carry: what goes on to the next frame: "points", I itself as in the paper, lets the two directions drift that no
-            rigid motion makes; "pose" is the I of the pose that PnP found.
-        learned_weights: let edge points of a rigid generator remember what their image edges looked like and how
-            steadily they were found (needs search along normals).
-    """
-
-    name: str = "acp-paper"
-    generator: GeneratorName = "autoencoder"
-    variables: Variables = "control-points"
-    control_points: PointSetName = "regressed"
-    direction: Direction = "homography"
-    edges: int = 600
-    edge_points: EdgePoints = "samples"
-    edge_level: float = 0.05
-    target: TargetConfig = field(default_factory=TargetConfig)
-    loss: LossConfig = field(default_factory=LossConfig)
-    solver: SolverConfig = field(default_factory=SolverConfig)
-    rigid_prior: float = 0.0
-    prediction: Prediction = "last"
-    carry: Literal["points", "pose"] = "pose"
-    learned_weights: bool = False
+    name: str = "acp"
+    summary: str = ""
+    control_points: Literal["regressed", "mid-section"] = "mid-section"
+    margin_px: float = 32.0
+    source: Source = field(default_factory=CadSamples)
+    variables: Variables = field(default_factory=lambda: PoseVariables(linearise="level"))
+    targets: tuple[TargetConfig, ...] = (NormalSearch(),)
+    schedule: Schedule = field(default_factory=PixelSchedule)
+    priors: tuple[PriorConfig, ...] = (ControlPointDamping(),)
+    solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0))
+    prediction: PredictionConfig = field(default_factory=ConstantVelocityPrediction)
+    start: TrustedStart | Off = field(default_factory=TrustedStart)
+    recovery: SecondTries | Off = field(default_factory=SecondTries)
+    learning: SampleLearning | Off = field(default_factory=SampleLearning)
+    states: StateConfig = field(default_factory=StateConfig)
 
     def __post_init__(self) -> None:
-        if self.loss.form == "printed":
-            raise TrackingError(
-                "loss form printed: eq. 6 has a pole at D = alpha and no minimum: choose logistic, saturating, "
-                "geman-mcclure or tukey"
-            )
+        searches = any(target.searches for target in self.targets)
+        varies_points = isinstance(self.variables, ControlPointVariables)
         checks = (
-            ("edges", self.edges >= 20, "20 or more"),
-            ("edge_level", 0.0 < self.edge_level < 1.0, "a brightness between 0 and 1"),
-            ("loss.alpha", 0.0 < self.loss.alpha <= 1.0, "a share of the diameter, such as 0.07"),
-            ("loss.schedule", bool(self.loss.schedule) and min(self.loss.schedule) > 0.0, "one or more above 0"),
-            ("solver.steps", self.solver.steps >= 1, "1 or more"),
-            ("solver.damping", self.solver.damping >= 0.0, "0 or more"),
-            ("solver.rate", self.solver.rate > 0.0, "px above 0"),
-            ("rigid_prior", self.rigid_prior >= 0.0, "0 or more"),
-            ("target.orientation_bins", 1 <= self.target.orientation_bins <= 32, "1 to 32"),
-            ("target.blur_px", 0.0 <= self.target.blur_px <= 20.0, "px from 0 to 20"),
+            (bool(self.targets), "targets: is empty: give one or more"),
+            (0.0 <= self.margin_px <= 1000.0, f"margin_px = {self.margin_px:g}: give px from 0 to 1000"),
+            (
+                searches or not isinstance(self.schedule, PixelSchedule),
+                'schedule.kind = "pixels": a distance map has no reach_px: give "share-of-diameter", '
+                'or a target that searches along "normals"',
+            ),
+            (
+                varies_points or not any(isinstance(prior, RigidityPrior) for prior in self.priors),
+                'priors.kind = "rigidity": a pose is rigid anyway: leave it out, or vary "control-points"',
+            ),
+            (
+                isinstance(self.learning, Off) or (searches and self.source.knows_samples),
+                'learning: needs a target that searches along "normals" and a source of CAD samples '
+                '("cad-samples" or "painted-samples")',
+            ),
+            (
+                not (self._learns_offsets and self.source.inset_outlines),
+                "source.inset_outlines and learning.offsets would both move outlines: switch one of them off",
+            ),
         )
-        for key, good, wanted in checks:
+        for good, problem in checks:
             if not good:
-                raise TrackingError(f"method {self.name}: {key} is out of range: give {wanted}")
-        knows_samples = self.generator != "autoencoder" or self.edge_points == "samples"
-        if self.learned_weights and not (knows_samples and self.target.search == "normals"):
-            raise TrackingError(
-                f'method {self.name}: learned_weights needs target.search = "normals" and edge points '
-                'that are samples of the CAD model (generator learned or templates, or edge_points = "samples")'
-            )
+                raise TrackingError(f"method {self.name}: {problem}")
+
+    @property
+    def _learns_offsets(self) -> bool:
+        return isinstance(self.learning, SampleLearning) and not isinstance(self.learning.offsets, Off)
+
+    def open_source(self, model: PreparedPart) -> EdgeSource:
+        """t(I) of a part; PreparationError when the generator is not prepared."""
+        return self.source.open(model, self.control_points)
+
+    def control_points_of(self, model: PreparedPart, regions: tuple[int, ...]) -> tuple[FloatArray, ...]:
+        """(4, 3) mm per view region 0..5: W; those of regions beyond `regions` are the box's middle section.
+
+        Raises PreparationError where W is not regressed.
+        """
+        part = model.part
+        return tuple(
+            model.control_points(region.index, self.control_points)
+            if region.index in regions
+            else mid_section_points(part.box_min, part.box_max, region.axis)
+            for region in ALL_REGIONS
+        )
 
 
-ACP_PAPER = MethodConfig()
-DIRECT_6DOF = replace(ACP_PAPER, name="direct-6dof", variables="pose")
-UNOPTIMISED_POINTS = replace(ACP_PAPER, name="unoptimised-points", control_points="mid-section")
+ACP = Method(summary="the best tracker here: CAD edges searched along normals, pose steps damped in control-point px")
+ACP_PAPER_SAMPLES = Method(
+    name="acp-paper-samples",
+    summary="the paper's path; the painted edge image chooses among the CAD's edge samples",
+    control_points="regressed",
+    margin_px=40.0,
+    source=PaintedSamples(),
+    variables=ControlPointVariables(),
+    targets=(DistanceMap(),),
+    schedule=ShareSchedule(),
+    priors=(),
+    solver=GaussNewton(),
+    prediction=LastPosePrediction(),
+    start=Off(),
+    recovery=Off(),
+    learning=Off(),
+)
+ACP_PAPER = replace(ACP_PAPER_SAMPLES, name="acp-paper", summary="the same as acp-paper-samples")
+DIRECT_6DOF = replace(
+    ACP_PAPER,
+    name="direct-6dof",
+    summary="acp-paper without control points: a pose is varied",
+    variables=PoseVariables(),
+)
+UNOPTIMISED_POINTS = replace(
+    ACP_PAPER,
+    name="unoptimised-points",
+    summary="acp-paper without optimised control points: those of the box's middle section",
+    control_points="mid-section",
+)
 
-METHODS: dict[str, MethodConfig] = {method.name: method for method in (ACP_PAPER, DIRECT_6DOF, UNOPTIMISED_POINTS)}
+METHODS: dict[str, Method] = {
+    method.name: method for method in (ACP, ACP_PAPER, ACP_PAPER_SAMPLES, DIRECT_6DOF, UNOPTIMISED_POINTS)
+}
+
+
+def method_named(name: str) -> Method:
+    """One of `METHODS`; TrackingError for a name that is no method."""
+    if name not in METHODS:
+        raise TrackingError(
+            f"--method {name}: no such method: there are {', '.join(METHODS)}; --config FILE takes any other"
+        )
+    return METHODS[name]

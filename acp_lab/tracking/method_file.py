@@ -1,12 +1,15 @@
-"""Method configurations as TOML: to print, to keep, to change one line of, to run again (`acp-lab track --config
-FILE`).
+"""Methods as TOML: to print, to keep, to change one line of, to run again (`acp-lab track --config FILE`).
 
+    base = "acp-paper"
     name = "my-method"
+    [variables]
     direction = "autograd"
-    [loss]
-    alpha = 0.05
+    [schedule]
+    alpha = 0.08
 
-What a file does not say is as in `acp-paper`, unless `base` names another method to start from.
+What a file does not say is as in `base`, `acp-paper` if it names none. A part that comes in several kinds is a
+table with `kind`; another kind than that of the base starts from its own defaults. Lists of parts, such as
+[[targets]], replace the base's list.
 """
 
 from __future__ import annotations
@@ -18,17 +21,17 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from acp_lab.errors import InputFileError, TrackingError
-from acp_lab.tracking.method import ACP_PAPER, METHODS, MethodConfig
+from acp_lab.tracking.method import ACP_PAPER, METHODS, Method
 
 
-def to_toml(config: MethodConfig) -> str:
-    """The whole configuration as TOML."""
+def to_toml(method: Method) -> str:
+    """The whole method as TOML."""
     import tomli_w
 
-    return tomli_w.dumps(_plain(config))
+    return tomli_w.dumps(_plain(method))
 
 
-def read_method(path: str | Path) -> MethodConfig:
+def read_method(path: str | Path) -> Method:
     """A method from a TOML file.
 
     Raises:
@@ -40,9 +43,11 @@ def read_method(path: str | Path) -> MethodConfig:
     except OSError as error:
         raise InputFileError(f"{path}: cannot be read ({error.strerror}): check --config") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputFileError(f"{path}: is no TOML ({error}): mend it") from None
+        raise InputFileError(f"{path}: is no TOML ({error}): fix it") from None
+    except RecursionError:
+        raise InputFileError(f"{path}: is nested too deeply: fix it") from None
     base = content.pop("base", ACP_PAPER.name)
-    if base not in METHODS:
+    if not isinstance(base, str) or base not in METHODS:
         raise InputFileError(f"{path}: base = {base!r}: give one of {', '.join(METHODS)}")
     start = METHODS[base] if "name" in content else replace(METHODS[base], name=path.stem)
     try:
@@ -53,39 +58,53 @@ def read_method(path: str | Path) -> MethodConfig:
 
 def _plain(config: Any) -> dict[str, Any]:
     values = {field.name: getattr(config, field.name) for field in fields(config)}
+    if hasattr(type(config), "kind"):
+        values = {"kind": config.kind, **values}
     # Tables go last: in TOML everything after a table's head belongs to it.
-    values = dict(sorted(values.items(), key=lambda item: is_dataclass(item[1])))
-    return {key: _plain(value) if is_dataclass(value) else value for key, value in values.items()}
+    values = dict(sorted(values.items(), key=lambda item: is_dataclass(item[1]) or _holds_tables(item[1])))
+    return {key: _plain_value(value) for key, value in values.items()}
+
+
+def _plain_value(value: Any) -> Any:
+    if is_dataclass(value):
+        return _plain(value)
+    return [_plain_value(item) for item in value] if isinstance(value, tuple) else value
+
+
+def _holds_tables(value: Any) -> bool:
+    return isinstance(value, tuple) and any(is_dataclass(item) for item in value)
 
 
 def _changed(config: Any, content: dict[str, Any], where: str) -> Any:
     """`config` with what `content` says; where: file and table, for messages."""
     hints = get_type_hints(type(config))
+    names = [field.name for field in fields(config)]
     changes = {}
     for key, value in content.items():
-        if key not in hints:
-            raise InputFileError(f"{where}{key}: no such setting: there are {', '.join(hints)}")
-        current = getattr(config, key)
-        if is_dataclass(current):
-            if not isinstance(value, dict):
-                raise InputFileError(f"{where}{key} = {value!r}: give a table [{key}]")
-            changes[key] = _changed(current, value, f"{where}{key}.")
-        else:
-            changes[key] = _checked(value, hints[key], f"{where}{key}")
+        if key == "kind" and hasattr(type(config), "kind"):
+            continue  # decided which class this is
+        if key not in names:
+            raise InputFileError(f"{where}{key}: no such setting: there are {', '.join(names) or 'none'}")
+        changes[key] = _checked(value, hints[key], getattr(config, key), f"{where}{key}")
     return replace(config, **changes)
 
 
-def _checked(value: Any, hint: Any, where: str) -> Any:
+def _checked(value: Any, hint: Any, current: Any, where: str) -> Any:
+    """A value of a type, from what the file says; current: what it replaces, None for an item of a list."""
+    classes = [kind for kind in _alternatives(hint) if is_dataclass(kind)]
+    if classes:
+        return _table(value, classes, current, where)
     if get_origin(hint) is Literal:
         if value not in get_args(hint):
             raise InputFileError(f"{where} = {value!r}: give one of {', '.join(map(str, get_args(hint)))}")
         return value
-    if get_origin(hint) in (Union, UnionType):
-        raise AssertionError(f"{where}: settings have one type each")
     if get_origin(hint) is tuple:
         if not isinstance(value, list):
-            raise InputFileError(f"{where} = {value!r}: give a list of numbers")
-        return tuple(_checked(item, get_args(hint)[0], where) for item in value)
+            raise InputFileError(f"{where} = {_short(value)}: give a list")
+        items = get_args(hint)
+        if len(items) > 1 and items[1] is not Ellipsis and len(items) != len(value):
+            raise InputFileError(f"{where} = {_short(value)}: give {len(items)} numbers")
+        return tuple(_checked(item, items[0], None, where) for item in value)
     # bool is an int to Python, and 1 would do where true is meant.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if hint is float and is_number:
@@ -93,4 +112,26 @@ def _checked(value: Any, hint: Any, where: str) -> Any:
     if type(value) is hint:
         return value
     wanted = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}[hint]
-    raise InputFileError(f"{where} = {value!r}: give {wanted}")
+    raise InputFileError(f"{where} = {_short(value)}: give {wanted}")
+
+
+def _table(value: Any, classes: list[Any], current: Any, where: str) -> Any:
+    """A part of a method: of the kind that the file names, else of the current one's."""
+    if not isinstance(value, dict):
+        name = where.rsplit(".", 1)[-1].rsplit(" ", 1)[-1]
+        raise InputFileError(f"{where} = {_short(value)}: give a table [{name}]")
+    kinds = {kind.kind: kind for kind in classes if hasattr(kind, "kind")}
+    wanted = value.get("kind", getattr(type(current), "kind", None))
+    if kinds and (not isinstance(wanted, str) or wanted not in kinds):
+        raise InputFileError(f"{where}.kind = {wanted!r}: give one of {', '.join(kinds)}")
+    chosen = kinds[wanted] if kinds else classes[0]
+    return _changed(current if type(current) is chosen else chosen(), value, f"{where}.")
+
+
+def _alternatives(hint: Any) -> tuple[Any, ...]:
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,112 +1,213 @@
-"""How the edges of one level move with the variables: three directions for control points, one for a pose.
+"""What a method varies, and how the edges of one level follow it.
 
-    HomographyMotion    generated once, moved by the homography that moves the control points (paper III and IV-C)
-    RegeneratedMotion   generated anew at every I; the derivative comes through the generator or by differences
-    RigidMotion         generated once, lifted to 3D, moved as a rigid part: what a 6DoF optimiser does ("w/o CP")
+    ControlPointVariables   the eight coordinates of I, as in the paper; edges follow
+        HomographyMotion      by the homography that moves the control points (paper III and IV-C), or
+        RegeneratedMotion     by generating them anew at every I, derivatives through the generator or by differences
+    PoseVariables           the six numbers of a pose step; edges follow
+        RigidMotion           as a rigid part does: what a 6DoF optimiser does ("w/o CP" in paper Table III)
 
-A motion knows nothing of images or losses. Its variables are an array: I (4, 2) px or a pose (4, 4).
+A motion knows nothing of images or losses. It takes and gives estimates.
 """
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
 from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import QuadWarp, WarpedPoints
+from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.tracking.frame_view import EdgeSource, View, pose_flow
+from acp_lab.tracking.frame_view import Estimate, View
+from acp_lab.tracking.sources import EdgeSource
+from acp_lab.tracking.sources.lift import EdgeLifter
+
+Rows = Callable[[FloatArray], FloatArray]
+"""From image directions (n, 2) to (n, k): how each edge point moves along its direction by the k variables."""
 
 
 class Motion(Protocol):
-    """Edge points as a function of the variables."""
+    """Edge points of one level as a function of the estimate."""
 
-    def edges(self, variables: np.ndarray) -> GeneratedEdges:
-        """The edge points at some variables."""
+    def edges(self, at: Estimate) -> GeneratedEdges:
+        """The edge points at an estimate; GeometryError where it is degenerate."""
         ...
 
-    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
-        """The edge points at some variables, and (n, 2, k) how they move by a step of the k variables."""
+    def linearised(self, at: Estimate) -> tuple[GeneratedEdges, Rows]:
+        """The edge points at an estimate, and how they move from there."""
         ...
 
-    def moved(self, variables: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The variables after a step (k,)."""
+    def moved(self, at: Estimate, step: FloatArray) -> Estimate:
+        """The estimate after a step (k,)."""
         ...
+
+
+@dataclass(frozen=True)
+class ControlPointVariables:
+    """Configuration: the eight coordinates of I are free.
+
+    Attributes:
+        direction: how edges follow I within a level: by the "homography" of the control points (the paper), through the
+            generator ("autograd"), or by generating anew beside I ("differences").
+        carry: what goes on to the next frame: "points", I itself as in the paper, lets the two directions drift that no
+            rigid motion makes; "pose" is the I of the pose that PnP found.
+    """
+
+    kind: ClassVar[str] = "control-points"
+    count: ClassVar[int] = 8
+    direction: Literal["homography", "autograd", "differences"] = "homography"
+    carry: Literal["points", "pose"] = "pose"
+
+    def motion(
+        self, source: EdgeSource, edges: GeneratedEdges, at: Estimate, lifter: EdgeLifter, samples: int
+    ) -> Motion:
+        """The motion of a level's edges, of at most `samples`, generated at an estimate."""
+        if self.direction == "homography":
+            return HomographyMotion(edges, at.control_points)
+        return RegeneratedMotion(source, samples, self.direction == "differences")
+
+    def scale(self, view: View) -> FloatArray | float:
+        """Of each variable per px, for solvers with one rate."""
+        return 1.0
+
+    def control_jacobian(self, at: Estimate) -> FloatArray:
+        """(8, 8) derivative of I by the variables."""
+        return np.eye(8)
+
+
+@dataclass(frozen=True)
+class PoseVariables:
+    """Configuration: a pose is varied, in steps of rotation and shift about the part's centre ("w/o CP").
+
+    Attributes:
+        linearise: at every "step", or once per "level", at its start.
+    """
+
+    kind: ClassVar[str] = "pose"
+    count: ClassVar[int] = 6
+    linearise: Literal["step", "level"] = "step"
+
+    def motion(
+        self, source: EdgeSource, edges: GeneratedEdges, at: Estimate, lifter: EdgeLifter, samples: int
+    ) -> Motion:
+        """The motion of a level's edges, of at most `samples`, generated at an estimate."""
+        return RigidMotion(edges, lifter.lift(edges, at), at, self.linearise == "level", source.is_exact)
+
+    def scale(self, view: View) -> FloatArray | float:
+        """(6,) how much of each pose parameter moves the part's rim by about a pixel, for solvers with one rate."""
+        depth = float(transform(view.prior, view.part.box_centre)[2])
+        mm_per_px = depth / view.camera.fx
+        return np.repeat([mm_per_px / (0.5 * view.part.diameter), mm_per_px], 3)
+
+    def control_jacobian(self, at: Estimate) -> FloatArray:
+        """(8, 6) derivative of I by the variables."""
+        return at.view.control_jacobian(at.cam_T_obj)
 
 
 class _ControlPointMotion:
-    """Variables I (4, 2): a step is added."""
+    """Variables I: a step is added."""
 
-    def moved(self, variables: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def moved(self, at: Estimate, step: FloatArray) -> Estimate:
         """I after a step (8,) px."""
-        return variables + step.reshape(4, 2)
+        return at.view.at_points(at.control_points + step.reshape(4, 2))
 
 
 class HomographyMotion(_ControlPointMotion):
-    """x' = H x with H from the four control points (eqs 8 and 9), analytic in all eight coordinates."""
+    """x' = H x with H from the four control points (paper eq. 8), analytic in all eight coordinates."""
 
-    def __init__(self, edges: GeneratedEdges, control_points: np.ndarray) -> None:
+    def __init__(self, edges: GeneratedEdges, control_points: FloatArray) -> None:
         self._edges = edges
         self._warp = QuadWarp(control_points, edges.points)
 
-    def edges(self, variables: np.ndarray) -> GeneratedEdges:
-        """The edges moved by the homography; GeometryError where I is degenerate."""
-        return self._moved(self._warp.to(variables))
+    def edges(self, at: Estimate) -> GeneratedEdges:
+        """The edges moved by the homography."""
+        return self._moved(self._warp.to(at.control_points))
 
-    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
-        """The same, and (n, 2, 8)."""
-        warped = self._warp.to(variables)
-        return self._moved(warped), warped.jacobian()
+    def linearised(self, at: Estimate) -> tuple[GeneratedEdges, Rows]:
+        """The same, and rows of eight columns."""
+        warped = self._warp.to(at.control_points)
+        return self._moved(warped), lambda directions: np.einsum("nj,njk->nk", directions, warped.jacobian())
 
     def _moved(self, warped: WarpedPoints) -> GeneratedEdges:
-        start = self._edges
-        return GeneratedEdges(warped.points, warped.tangents(start.tangents), start.weights, start.sample_ids)
+        return replace(self._edges, points=warped.points, tangents=warped.tangents(self._edges.tangents))
 
 
 class RegeneratedMotion(_ControlPointMotion):
     """t(I) itself, generated at every I."""
 
-    def __init__(self, source: EdgeSource, view: View, by_differences: bool) -> None:
+    def __init__(self, source: EdgeSource, count: int, by_differences: bool) -> None:
         self._source = source
-        self._view = view
+        self._count = count
         self._by_differences = by_differences
 
-    def edges(self, variables: np.ndarray) -> GeneratedEdges:
-        """t(I); GeometryError where I is degenerate."""
-        return self._source.generate(self._view, variables)
+    def edges(self, at: Estimate) -> GeneratedEdges:
+        """t(I)."""
+        return self._source.generate(at, self._count)
 
-    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
-        """The same, and (n, 2, 8)."""
-        edges = self.edges(variables)
-        return edges, self._source.flow(self._view, variables, edges, self._by_differences)
+    def linearised(self, at: Estimate) -> tuple[GeneratedEdges, Rows]:
+        """The same, and rows of eight columns."""
+        edges = self.edges(at)
+        flow = self._source.flow(at, edges, self._by_differences)
+        return edges, lambda directions: np.einsum("nj,njk->nk", directions, flow)
 
 
 class RigidMotion:
-    """Edge points with their 3D points (n, 3) mm, NaN for those to leave out, moved by a pose (4, 4)."""
+    """Edge points with their 3D points (n, 3) mm, NaN for those to leave out, moved by a pose.
 
-    def __init__(self, edges: GeneratedEdges, points_obj: np.ndarray, view: View, cam_T_obj: np.ndarray) -> None:
-        known = np.isfinite(points_obj).all(1)
-        self._edges = GeneratedEdges(
-            edges.points[known], edges.tangents[known], edges.weights[known], edges.sample_ids[known]
-        )
-        self._points_obj = points_obj[known]
-        self._view = view
+    per_level: keep the rows of the level's start. is_exact: the edge points lie where their 3D points project to.
+    """
+
+    def __init__(
+        self,
+        edges: GeneratedEdges,
+        points_obj: FloatArray,
+        start: Estimate,
+        per_level: bool = False,
+        is_exact: bool = False,
+    ) -> None:
+        if not np.isfinite(points_obj.sum()):
+            known = np.asarray(np.isfinite(points_obj).all(1))
+            edges, points_obj = edges.take(known), points_obj[known]
+        self._edges = edges
+        self._points_obj = points_obj
+        self._view = start.view
+        self._start = start
+        self._per_level = per_level
         # Lifting puts points on the nearest CAD edge; what it moved them by stays with them as a constant.
-        self._lift_px = self._edges.points - self._project(cam_T_obj)
+        self._lift_px = 0.0 if is_exact else edges.points - self._project(start.cam_T_obj)
+        self._rows_of: FloatArray | None = None
 
-    def edges(self, variables: np.ndarray) -> GeneratedEdges:
+    def edges(self, at: Estimate) -> GeneratedEdges:
         """The edges at a pose; directions are kept, a level turns them little."""
-        points = self._project(variables) + self._lift_px
-        return GeneratedEdges(points, self._edges.tangents, self._edges.weights, self._edges.sample_ids)
+        start = self._edges
+        if at is self._start:
+            return start
+        points = self._project(at.cam_T_obj) + self._lift_px
+        return GeneratedEdges(points, start.tangents, start.weights, start.sample_ids, start.outline)
 
-    def linearised(self, variables: np.ndarray) -> tuple[GeneratedEdges, np.ndarray]:
-        """The same, and (n, 2, 6) by rotation (rad) and shift (mm), camera axes."""
-        return self.edges(variables), pose_flow(self._view, variables, self._points_obj)
+    def linearised(self, at: Estimate) -> tuple[GeneratedEdges, Rows]:
+        """The same, and rows of six columns: rotation (rad) and shift (mm), camera axes."""
+        return self.edges(at), lambda directions: self.rows(at, directions)
 
-    def moved(self, variables: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def rows(self, at: Estimate, directions: FloatArray) -> FloatArray:
+        """(n, 6) derivative of the motion along image directions (n, 2) by a pose step."""
+        if not self._per_level:
+            return self._rows(at.cam_T_obj, directions)
+        # The directions of a level are one array that is asked for in every step.
+        if self._rows_of is not directions:
+            self._rows_of, self._kept = directions, self._rows(self._start.cam_T_obj, directions)
+        return self._kept
+
+    def moved(self, at: Estimate, step: FloatArray) -> Estimate:
         """The pose after a step (6,)."""
-        return move_pose(variables, self._view.centre_obj, step)
+        return at.view.at_pose(move_pose(at.cam_T_obj, self._view.part.box_centre, step))
 
-    def _project(self, cam_T_obj: np.ndarray) -> np.ndarray:
-        return self._view.camera.project(self._points_obj @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3])
+    def _rows(self, cam_T_obj: FloatArray, directions: FloatArray) -> FloatArray:
+        return self._view.pose_jacobian(cam_T_obj, self._points_obj, directions)
+
+    def _project(self, cam_T_obj: FloatArray) -> FloatArray:
+        return self._view.camera.project(transform(cam_T_obj, self._points_obj))

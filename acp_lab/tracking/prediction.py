@@ -1,55 +1,136 @@
-"""Where the part will be in the next frame: it goes on as it went."""
+"""Where the part is expected in the next frame: constant-velocity prediction, or where it was last."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
 import numpy as np
 
-from acp_lab.geometry.pose import so3_exp, so3_log
-from acp_lab.geometry.pose_step import centre_position
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import so3_exp, so3_log, transform
 
 
-class ConstantVelocity:
-    """Constant velocity of the part's centre and constant spin about it, from the last two poses.
-
-    The centre is extrapolated rather than the object frame's origin, which may lie far outside the part.
-    """
-
-    def __init__(self, centre_obj: np.ndarray) -> None:
-        self._centre_obj = centre_obj
-        self._last: np.ndarray | None = None
-        self._before: np.ndarray | None = None
-
-    def restart(self, cam_T_obj: np.ndarray) -> None:
-        """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
-        self._last, self._before = cam_T_obj, None
-
-    def observe(self, cam_T_obj: np.ndarray) -> None:
-        """Take in the pose (4, 4) of a further frame."""
-        self._before, self._last = self._last, cam_T_obj
+class Predictor(Protocol):
+    """What a tracker asks about the motion of its part."""
 
     @property
-    def last(self) -> np.ndarray:
+    def last(self) -> FloatArray:
+        """(4, 4) the last pose taken in."""
+        ...
+
+    @property
+    def moves(self) -> bool:
+        """Whether a motion is known, so that `predict` differs from `last`."""
+        ...
+
+    def restart(self, cam_T_obj: FloatArray) -> None:
+        """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
+        ...
+
+    def observe(self, cam_T_obj: FloatArray, quality: float) -> None:
+        """Take in the pose (4, 4) of a further frame and its quality in [0, 1]."""
+        ...
+
+    def predict(self) -> FloatArray:
+        """(4, 4) the pose expected in the next frame."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantVelocityPrediction:
+    """Configuration. rest_below: after a pose of less quality the part is taken to rest; the motion of a pose that fits
+    nothing is noise, and extrapolating it runs away."""
+
+    kind: ClassVar[str] = "constant-velocity"
+    rest_below: float = 0.2
+
+    def predictor(self, centre_obj: FloatArray) -> ConstantVelocity:
+        """For a part with its centre at (3,) mm."""
+        return ConstantVelocity(centre_obj, self.rest_below)
+
+
+@dataclass(frozen=True)
+class LastPosePrediction:
+    """Configuration: a frame starts where the last one ended (the paper)."""
+
+    kind: ClassVar[str] = "last-pose"
+
+    def predictor(self, centre_obj: FloatArray) -> LastPose:
+        """For any part."""
+        return LastPose()
+
+
+class _LastPose:
+    def __init__(self) -> None:
+        self._last: FloatArray | None = None
+
+    @property
+    def last(self) -> FloatArray:
         """(4, 4) the last pose observed."""
         if self._last is None:
             raise ValueError("no pose observed yet: call restart first")
         return self._last
+
+    def restart(self, cam_T_obj: FloatArray) -> None:
+        """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
+        self._last = cam_T_obj
+
+
+class LastPose(_LastPose):
+    """The part rests."""
+
+    moves = False
+
+    def observe(self, cam_T_obj: FloatArray, quality: float = 1.0) -> None:
+        """Take in the pose (4, 4) of a further frame."""
+        self.restart(cam_T_obj)
+
+    def predict(self) -> FloatArray:
+        """(4, 4) the last pose."""
+        return self.last.copy()
+
+
+class ConstantVelocity(_LastPose):
+    """Constant velocity of the part's centre and constant angular velocity about it, from the last two poses.
+
+    The centre is extrapolated rather than the object frame's origin, which may lie far outside the part.
+    """
+
+    def __init__(self, centre_obj: FloatArray, rest_below: float = 0.0) -> None:
+        super().__init__()
+        self._centre_obj = centre_obj
+        self._rest_below = rest_below
+        self._before: FloatArray | None = None
+
+    def restart(self, cam_T_obj: FloatArray) -> None:
+        """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
+        super().restart(cam_T_obj)
+        self._before = None
+
+    def observe(self, cam_T_obj: FloatArray, quality: float = 1.0) -> None:
+        """Take in the pose (4, 4) of a further frame."""
+        before = self._last
+        self.restart(cam_T_obj)
+        if quality > self._rest_below:
+            self._before = before
 
     @property
     def moves(self) -> bool:
         """Whether a motion is known, so that `predict` differs from `last`."""
         return self._before is not None
 
-    def predict(self) -> np.ndarray:
+    def predict(self) -> FloatArray:
         """(4, 4) pose expected in the next frame."""
         last, before = self.last, self._before
         if before is None:
             return last.copy()
         # Through the logarithm, which makes it a rotation again: as a bare product, rounding errors
         # would more than double from frame to frame.
-        spin = so3_exp(so3_log(last[:3, :3] @ before[:3, :3].T))
-        now = centre_position(last, self._centre_obj)
-        centre = 2.0 * now - centre_position(before, self._centre_obj)
+        turn = so3_exp(so3_log(last[:3, :3] @ before[:3, :3].T))
+        now = transform(last, self._centre_obj)
+        centre = 2.0 * now - transform(before, self._centre_obj)
         predicted = np.eye(4)
-        predicted[:3, :3] = spin @ last[:3, :3]
+        predicted[:3, :3] = turn @ last[:3, :3]
         predicted[:3, 3] = centre - predicted[:3, :3] @ self._centre_obj
         return predicted

@@ -11,7 +11,8 @@ from typing import Any
 
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
-from acp_lab.tracking.observer import SessionInfo, TrackResult
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import TrackResult
 
 
 class ResultsFile:

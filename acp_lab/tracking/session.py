@@ -1,4 +1,4 @@
-"""The frame loop: several parts tracked side by side through one sequence, with observers listening."""
+"""A session: several parts tracked side by side through one sequence, with observers listening."""
 
 from __future__ import annotations
 
@@ -12,24 +12,32 @@ import numpy as np
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.sequences.results_csv import ResultRow
-from acp_lab.tracking.observer import Observer, SessionInfo, TrackedObject, TrackResult
+from acp_lab.tracking.observer import Observer, SessionInfo, TrackedObject
+from acp_lab.tracking.result import TrackResult
 
 
 class PartTracker(Protocol):
-    """What every method offers: start with a pose, then follow.
+    """What every tracker offers: start with a pose, then follow.
 
-    records_steps, records_target: whether results carry `steps` and `target`; the frame loop sets them while
-    observers want to see these.
+    name: of the method. part: that is tracked. control_points_obj: (4, 3) mm per view region 0..5, the method's W.
+    records_steps, records_target: whether results carry `steps` and `target`; the session sets them while observers
+    want to see these.
     """
 
     part: Part
     records_steps: bool
     records_target: bool
 
-    def start(self, frame: Frame, cam_T_obj: np.ndarray) -> TrackResult:
+    @property
+    def name(self) -> str: ...
+    @property
+    def control_points_obj(self) -> tuple[FloatArray, ...]: ...
+
+    def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
         """Begin at a pose (4, 4) in the first frame."""
         ...
 
@@ -57,7 +65,7 @@ class TrackRun:
     results: Mapping[int, tuple[TrackResult, ...]]
     sequence: Sequence | None = None
     session: SessionInfo | None = None
-    starts: Mapping[int, np.ndarray] = field(default_factory=dict)
+    starts: Mapping[int, FloatArray] = field(default_factory=dict)
 
     @property
     def parts(self) -> Mapping[int, Part]:
@@ -97,16 +105,17 @@ class TrackRun:
 def track_sequence(
     trackers: Mapping[int, PartTracker],
     sequence: Sequence,
-    starts: Mapping[int, np.ndarray],
+    starts: Mapping[int, FloatArray],
     observers: Iterable[Observer] = (),
     max_frames: int | None = None,
-    method: str = "acp",
+    method: str | None = None,
 ) -> TrackRun:
     """Track objects through a sequence; the first frame is tracked from the start poses and has results too.
 
     Args:
         trackers: by object id.
         starts: (4, 4) cam_T_obj in the first frame, by object id.
+        method: what the run is called; None for the first tracker's name.
 
     Raises:
         SequenceError: no frames, or the first one cannot be read.
@@ -117,6 +126,7 @@ def track_sequence(
     without = sorted(set(trackers) - set(starts))
     if without:
         raise SequenceError(f"{sequence.name}: no start pose for object {without[0]}; give one for each tracker")
+    method = next((tracker.name for tracker in trackers.values()), "none") if method is None else method
     info = _session_info(trackers, sequence, max_frames, method)
     with ExitStack() as at_the_end:
         # Also after Ctrl-C, and each whatever the others do: files are closed and keep what was tracked.
@@ -124,7 +134,7 @@ def track_sequence(
             at_the_end.callback(observer.on_end)
         for observer in listening:
             observer.on_start(info)
-        keeps_target = {object_id: getattr(tracker, "records_target", False) for object_id, tracker in trackers.items()}
+        keeps_target = {object_id: tracker.records_target for object_id, tracker in trackers.items()}
         for tracker in trackers.values():
             _record_for(listening, tracker, at_the_end)
         for number, frame in enumerate(sequence.frames(max_frames)):
@@ -157,7 +167,7 @@ def _session_info(
     trackers: Mapping[int, PartTracker], sequence: Sequence, max_frames: int | None, method: str
 ) -> SessionInfo:
     tracked = tuple(
-        TrackedObject(object_id, tracker.part, tuple(getattr(tracker, "control_points_obj", ())))
+        TrackedObject(object_id, tracker.part, tracker.control_points_obj)
         for object_id, tracker in trackers.items()
     )
     count = len(sequence.frame_ids)
@@ -182,5 +192,5 @@ def _record_for(observers: tuple[Observer, ...], tracker: PartTracker, at_the_en
     """Let a tracker record what some observer wants to see, and put it back at the end."""
     for wish, switch in (("wants_steps", "records_steps"), ("wants_target", "records_target")):
         if any(getattr(observer, wish, False) for observer in observers):
-            at_the_end.callback(setattr, tracker, switch, getattr(tracker, switch, False))
+            at_the_end.callback(setattr, tracker, switch, getattr(tracker, switch))
             setattr(tracker, switch, True)

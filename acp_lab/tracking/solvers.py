@@ -1,229 +1,255 @@
 """argmin e (paper eq. 7) over eight coordinates or six: Gauss-Newton, Levenberg-Marquardt, Adam.
 
-e is a mean of robust losses over edge points. For the first two it is re-weighted least squares: every edge point has a
-residual r (px still to go), a direction d in the image and a weight w; with J the motion of the point by the variables,
+e is a sum of measures of the frame, each a mean of robust losses over edge points, and of quadratic priors. With J
+the motion of a point along its direction by the variables, r the residual (px still to go) and w a weight, one step
+s minimises
 
-    minimise  sum w (r - d.J s)^2 / sum w  +  prior          for the step s,
+    sum over measures of  g sum w (r - J s)^2 / sum w   +   sum over priors of  v |r_p - J_p s|^2,
 
-damped by Marquardt's multiple of the diagonal, which is blind to units: pixels, radians and millimetres are treated
-alike (the unit problem of paper Fig. 1). Adam follows the same gradient, one rate for every variable.
+g and v being the measures' and priors' own weights. Gauss-Newton and Levenberg-Marquardt add Marquardt's multiple
+of the
+diagonal, which is blind to units: pixels, radians and millimetres are treated alike (the unit problem of paper Fig.
+1). Adam follows the same gradient, one rate for every variable. Solvers know nothing of images.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
-from acp_lab.errors import GeometryError
+from acp_lab.errors import GeometryError, TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.tracking.motions import Motion
-
-SolverName = Literal["gauss-newton", "levenberg-marquardt", "adam"]
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.tracking.frame_view import Estimate
+from acp_lab.tracking.motions import Motion, Rows
 
 _TINY = 1e-9
 _LM_UP, _LM_DOWN, _LM_TRIES = 8.0, 0.3, 4
+MOST_STEPS = 1000
+"""Per level; more is a slip of the pen."""
 
 
-@dataclass(frozen=True)
-class Measurement:
+class Measurement(Protocol):
     """What the frame says about n edge points.
 
     Attributes:
         residuals: (n,) px still to go along `directions` (n, 2).
         weights: (n,) of the least squares, not negative.
-        losses: (n,) e per point; shares: (n,) how much each point counts in the mean.
+        loss: e, the mean over the edge points.
     """
 
-    residuals: np.ndarray
-    directions: np.ndarray
-    weights: np.ndarray
-    losses: np.ndarray
-    shares: np.ndarray
-
     @property
-    def loss(self) -> float:
-        """e: the mean over the edge points."""
-        total = float(self.shares.sum())
-        return float(self.losses @ self.shares) / total if total > 0.0 else float("inf")
+    def residuals(self) -> FloatArray: ...
+    @property
+    def directions(self) -> FloatArray: ...
+    @property
+    def weights(self) -> FloatArray: ...
+    @property
+    def loss(self) -> float: ...
 
 
-Measure = Callable[[GeneratedEdges], Measurement]
+@dataclass(frozen=True)
+class WeightedMeasure:
+    """A measure of edge points, and how much it counts beside others."""
+
+    measure: Callable[[GeneratedEdges], Measurement]
+    weight: float = 1.0
+
+    def normal_equations(self, edges: GeneratedEdges, rows_along: Rows) -> NormalEquations:
+        """Its share of the normal equations, for edge points that move by `rows_along` (see `motions.Rows`)."""
+        seen = self.measure(edges)
+        rows, residuals, weights = rows_along(seen.directions), seen.residuals, seen.weights
+        # Points whose motion is not known (behind the camera, no clear ridge) say nothing. A sum tells sooner.
+        if not np.isfinite(rows.sum() + residuals.sum()):
+            good = np.isfinite(rows).all(1) & np.isfinite(residuals)
+            rows, residuals, weights = rows[good], residuals[good], weights[good]
+        weighted = rows * (self.weight * weights / max(float(weights.sum()), _TINY))[:, None]
+        return NormalEquations(weighted.T @ rows, weighted.T @ residuals)
 
 
 class Prior(Protocol):
-    """A quadratic wish about the variables, in px: weight * |residual - jacobian s|^2."""
+    """A quadratic prior on the variables, in px: weight * |residual - jacobian s|^2 for a step s."""
 
     @property
-    def weight(self) -> float:
-        """Per squared px."""
+    def hessian(self) -> FloatArray:
+        """(k, k) weight * jacobian^T jacobian."""
         ...
 
-    def residual(self, variables: np.ndarray) -> np.ndarray:
-        """(m,) px still to go."""
+    def gradient(self, at: Estimate) -> FloatArray:
+        """(k,) weight * jacobian^T residual, at an estimate."""
         ...
 
-    @property
-    def jacobian(self) -> np.ndarray:
-        """(m, k)."""
+    def loss(self, at: Estimate) -> float:
+        """Half of weight * |residual|^2, at an estimate."""
         ...
 
 
 @dataclass(frozen=True)
-class SolverConfig:
-    """How e(I) is minimised on one level.
+class Problem:
+    """What is minimised on one level. scale: of each variable per px, for solvers with one rate."""
 
-    Attributes:
-        name: of the solver.
-        steps: on one level.
-        damping: Marquardt's multiple of the diagonal (the first one, for Levenberg-Marquardt).
-        rate: Adam's step in px of the control points, at first; it falls to a tenth over the steps.
-    """
+    motion: Motion
+    measures: Sequence[WeightedMeasure]
+    priors: Sequence[Prior] = ()
+    scale: FloatArray | float = 1.0
 
-    name: SolverName = "gauss-newton"
-    steps: int = 4
-    damping: float = 1e-3
-    rate: float = 0.5
-
-
-@dataclass(frozen=True)
-class Iterate:
-    """Variables after a step, and e there (before the step, for solvers that do not look again)."""
-
-    variables: np.ndarray
-    loss: float
-
-
-def minimise(
-    motion: Motion,
-    measure: Measure,
-    start: np.ndarray,
-    config: SolverConfig,
-    prior: Prior | None = None,
-    scale: np.ndarray | None = None,
-) -> tuple[Iterate, ...]:
-    """The iterates of one level, the last one being the result; a step into a degenerate I ends the level.
-
-    Args:
-        start: variables, (4, 2) px or (4, 4) pose.
-        scale: (k,) variables per px, for Adam; default 1, right for control points.
-    """
-    if config.name == "levenberg-marquardt":
-        return _levenberg_marquardt(motion, measure, start, config, prior)
-    rule = _GaussNewton(config) if config.name == "gauss-newton" else _Adam(config, scale)
-    return _descend(motion, measure, start, config.steps, rule, prior)
-
-
-@dataclass(frozen=True)
-class _Normal:
-    """Normal equations H s = g of one linearisation, and e there."""
-
-    hessian: np.ndarray
-    gradient: np.ndarray
-    loss: float
-
-    def step(self, damping: float) -> np.ndarray:
-        diagonal = np.diagonal(self.hessian)
-        damped = self.hessian + np.diag(damping * diagonal + _TINY * diagonal.max(initial=1.0))
+    def loss(self, at: Estimate) -> float:
+        """e at an estimate, priors included; infinite where it is degenerate."""
         try:
-            return np.linalg.solve(damped, self.gradient)
+            edges = self.motion.edges(at)
+        except GeometryError:
+            return float("inf")
+        return sum(m.weight * m.measure(edges).loss for m in self.measures) + sum(p.loss(at) for p in self.priors)
+
+    def normal_equations(self, at: Estimate) -> NormalEquations:
+        """Those of one linearisation; GeometryError where the estimate is degenerate."""
+        edges, rows_along = self.motion.linearised(at)
+        first, *others = [weighted.normal_equations(edges, rows_along) for weighted in self.measures]
+        others += [NormalEquations(prior.hessian, prior.gradient(at)) for prior in self.priors]
+        return sum(others, first)
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """H s = g of one linearisation: hessian (k, k), gradient (k,)."""
+
+    hessian: FloatArray
+    gradient: FloatArray
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(self.hessian + other.hessian, self.gradient + other.gradient)
+
+    def step(self, damping: float) -> FloatArray:
+        """The step (k,), damped by a multiple of the diagonal; zeros where a direction is unobserved and undamped."""
+        hessian = self.hessian
+        if damping > 0.0:
+            diagonal = np.diagonal(hessian)
+            hessian = hessian + np.diag(damping * diagonal + _TINY * diagonal.max(initial=1.0))
+        try:
+            return np.asarray(np.linalg.solve(hessian, self.gradient), np.float64)
         except np.linalg.LinAlgError:
             return np.zeros(len(self.gradient))
 
 
-def _normal_equations(motion: Motion, measure: Measure, variables: np.ndarray, prior: Prior | None) -> _Normal:
-    edges, jacobian = motion.linearised(variables)
-    seen = measure(edges)
-    rows = np.einsum("nj,njk->nk", seen.directions, jacobian)
-    # Points whose motion is not known (behind the camera, no clear ridge) say nothing.
-    good = np.isfinite(rows).all(1) & np.isfinite(seen.residuals)
-    rows, residuals, weights = rows[good], seen.residuals[good], seen.weights[good]
-    total = max(float(weights.sum()), _TINY)
-    weighted = rows * (weights / total)[:, None]
-    hessian, gradient, loss = weighted.T @ rows, weighted.T @ residuals, seen.loss
-    if prior is not None:
-        wish, by = prior.residual(variables), prior.jacobian
-        hessian, gradient = hessian + prior.weight * by.T @ by, gradient + prior.weight * by.T @ wish
-        loss += 0.5 * prior.weight * float(wish @ wish)
-    return _Normal(hessian, gradient, loss)
+@dataclass(frozen=True)
+class GaussNewton:
+    """steps: on one level; damping: Marquardt's multiple of the diagonal, 0 for none."""
+
+    kind: ClassVar[str] = "gauss-newton"
+    steps: int = 4
+    damping: float = 1e-3
+
+    def __post_init__(self) -> None:
+        _check(self.steps, self.damping)
+
+    def minimise(self, problem: Problem, start: Estimate) -> tuple[Estimate, ...]:
+        """See `minimise`."""
+        return _descend(problem, start, self.steps, lambda equations, _: equations.step(self.damping))
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt:
+    """steps: on one level; damping: Marquardt's multiple of the diagonal at first, lowered and raised by success."""
+
+    kind: ClassVar[str] = "levenberg-marquardt"
+    steps: int = 4
+    damping: float = 1e-3
+
+    def __post_init__(self) -> None:
+        _check(self.steps, self.damping)
+
+    def minimise(self, problem: Problem, start: Estimate) -> tuple[Estimate, ...]:
+        """See `minimise`."""
+        at, damping, loss = start, self.damping, problem.loss(start)
+        iterates = []
+        for _ in range(self.steps):
+            try:
+                equations = problem.normal_equations(at)
+            except GeometryError:
+                break
+            for _ in range(_LM_TRIES):
+                tried = problem.motion.moved(at, equations.step(damping))
+                tried_loss = problem.loss(tried)
+                if tried_loss < loss:
+                    at, loss, damping = tried, tried_loss, max(damping * _LM_DOWN, 1e-8)
+                    break
+                damping *= _LM_UP
+            else:
+                break  # no shorter step helps: this is the minimum
+            iterates.append(at)
+        return tuple(iterates)
+
+
+@dataclass(frozen=True)
+class Adam:
+    """steps: on one level; rate: px of the control points at first, falling as a cosine to a tenth over the steps.
+
+    Adam (Kingma and Ba 2015) with its usual constants.
+    """
+
+    kind: ClassVar[str] = "adam"
+    steps: int = 4
+    rate: float = 0.5
+
+    def __post_init__(self) -> None:
+        _check(self.steps, 0.0)
+        if not self.rate > 0.0:
+            raise TrackingError(f"solver.rate = {self.rate:g}: give px above 0")
+
+    def minimise(self, problem: Problem, start: Estimate) -> tuple[Estimate, ...]:
+        """See `minimise`."""
+        mean: FloatArray | float = 0.0
+        square: FloatArray | float = 0.0
+
+        def rule(equations: NormalEquations, number: int) -> FloatArray:
+            nonlocal mean, square
+            downhill = equations.gradient * problem.scale
+            rate = self.rate * (0.55 + 0.45 * np.cos(np.pi * number / self.steps))
+            mean, square = 0.9 * mean + 0.1 * downhill, 0.999 * square + 0.001 * downhill**2
+            unbiased, spread = mean / (1.0 - 0.9 ** (number + 1)), square / (1.0 - 0.999 ** (number + 1))
+            step: FloatArray = problem.scale * rate * unbiased / (np.sqrt(spread) + 1e-12)
+            return step
+
+        return _descend(problem, start, self.steps, rule)
+
+
+Solver = GaussNewton | LevenbergMarquardt | Adam
+
+
+def minimise(problem: Problem, start: Estimate, solver: Solver) -> tuple[Estimate, ...]:
+    """The iterates of one level after its start, the last one being the result; none where no step was possible.
+
+    A step into a degenerate estimate, or to behind the camera, ends the level at the iterate before.
+    """
+    return solver.minimise(problem, start)
 
 
 def _descend(
-    motion: Motion, measure: Measure, start: np.ndarray, steps: int, rule: _GaussNewton | _Adam, prior: Prior | None
-) -> tuple[Iterate, ...]:
-    """Step by the rule, without asking whether e fell; stays at the start where the steps lead nowhere."""
-    variables, iterates = start, []
-    try:
-        for _ in range(steps):
-            normal = _normal_equations(motion, measure, variables, prior)
-            iterates.append(Iterate(variables, normal.loss))
-            variables = motion.moved(variables, rule.step(normal))
-        if np.isfinite(motion.edges(variables).points).all():
-            return (*iterates[1:], Iterate(variables, iterates[-1].loss))
-    except GeometryError:  # I became degenerate: what came before it still counts
-        pass
-    return tuple(iterates) or (Iterate(start, float("inf")),)
-
-
-class _GaussNewton:
-    def __init__(self, config: SolverConfig) -> None:
-        self._damping = config.damping
-
-    def step(self, normal: _Normal) -> np.ndarray:
-        return normal.step(self._damping)
-
-
-class _Adam:
-    """Adam (Kingma and Ba 2015) with its usual constants; the rate falls as a cosine, to a tenth."""
-
-    def __init__(self, config: SolverConfig, scale: np.ndarray | None) -> None:
-        self._config = config
-        self._scale: np.ndarray | float = 1.0 if scale is None else scale
-        self._mean: np.ndarray | float = 0.0
-        self._square: np.ndarray | float = 0.0
-        self._count = 0
-
-    def step(self, normal: _Normal) -> np.ndarray:
-        downhill = normal.gradient * self._scale
-        rate = self._config.rate * (0.55 + 0.45 * np.cos(np.pi * self._count / self._config.steps))
-        self._count += 1
-        self._mean = 0.9 * self._mean + 0.1 * downhill
-        self._square = 0.999 * self._square + 0.001 * downhill**2
-        mean, square = self._mean / (1.0 - 0.9**self._count), self._square / (1.0 - 0.999**self._count)
-        step: np.ndarray = self._scale * rate * mean / (np.sqrt(square) + 1e-12)
-        return step
-
-
-def _levenberg_marquardt(
-    motion: Motion, measure: Measure, start: np.ndarray, config: SolverConfig, prior: Prior | None
-) -> tuple[Iterate, ...]:
-    def loss_at(variables: np.ndarray) -> float:
+    problem: Problem, start: Estimate, steps: int, rule: Callable[[NormalEquations, int], FloatArray]
+) -> tuple[Estimate, ...]:
+    """Step by the rule, without asking whether e fell."""
+    at, iterates = start, list[Estimate]()
+    for number in range(steps):
         try:
-            loss = measure(motion.edges(variables)).loss
-        except GeometryError:
-            return float("inf")
-        if prior is not None:
-            wish = prior.residual(variables)
-            loss += 0.5 * prior.weight * float(wish @ wish)
-        return loss
-
-    variables, damping = start, config.damping
-    iterates = [Iterate(start, float("inf"))]
-    for _ in range(config.steps):
-        try:
-            normal = _normal_equations(motion, measure, variables, prior)
-        except GeometryError:
+            moved = problem.motion.moved(at, rule(problem.normal_equations(at), number))
+        except GeometryError:  # I became degenerate: the step that led there does not count
+            return tuple(iterates[:-1])
+        if not moved.is_possible:
             break
-        for _ in range(_LM_TRIES):
-            tried = motion.moved(variables, normal.step(damping))
-            loss = loss_at(tried)
-            if loss < normal.loss:
-                variables, damping = tried, max(damping * _LM_DOWN, 1e-8)
-                break
-            damping *= _LM_UP
-        else:
-            break  # no shorter step helps: this is the minimum
-        iterates.append(Iterate(variables, loss))
-    return tuple(iterates[1:]) or (Iterate(start, loss_at(start)),)
+        at = moved
+        iterates.append(at)
+    try:
+        _ = at.cam_T_obj  # kept by the estimate: whoever comes next asks for it too
+    except GeometryError:
+        return tuple(iterates[:-1])
+    return tuple(iterates)
+
+
+def _check(steps: int, damping: float) -> None:
+    if not 1 <= steps <= MOST_STEPS:
+        raise TrackingError(f"solver.steps = {steps}: give 1 to {MOST_STEPS}")
+    if not damping >= 0.0:
+        raise TrackingError(f"solver.damping = {damping:g}: give 0 or more")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 
 
 @dataclass(frozen=True)

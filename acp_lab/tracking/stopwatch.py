@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
-from acp_lab.tracking.observer import Timings
+from acp_lab.tracking.result import Timings
 
 
 @dataclass

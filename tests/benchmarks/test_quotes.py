@@ -103,7 +103,7 @@ def test_digits_are_corrected_where_they_differ() -> None:
 
 def test_a_setting_is_compared_with_the_code() -> None:
     assert code_value("acp_lab.tracking.states.StateConfig.patience") == [2.0]
-    assert code_value("acp_lab.tracking.tracker.TrackerConfig.state.patience") == [2.0], "a default made by a factory"
+    assert code_value("acp_lab.tracking.method.Method.states.patience") == [2.0], "a default made by a factory"
     with pytest.raises(MeasuredError, match="there is no patients"):
         code_value("acp_lab.tracking.states.StateConfig.patients")
 

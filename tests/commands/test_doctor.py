@@ -34,7 +34,7 @@ def test_requirements_that_are_not_met() -> None:
     missing = doctor._check_requirement("acp-lab-no-such-package>=1")
     assert missing is not None
     assert missing.verdict is Verdict.BROKEN
-    assert "pip install" in missing.mend
+    assert "pip install" in missing.fix
     old = doctor._check_requirement("numpy>=99")
     assert old is not None
     assert old.verdict is Verdict.BROKEN

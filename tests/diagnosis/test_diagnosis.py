@@ -20,7 +20,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, extruded, looking_at

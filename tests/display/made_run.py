@@ -13,16 +13,8 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import (
-    Observer,
-    SessionInfo,
-    TargetView,
-    Timings,
-    TrackedObject,
-    TrackResult,
-    TrackState,
-    TrackStep,
-)
+from acp_lab.tracking.observer import Observer, SessionInfo, TrackedObject
+from acp_lab.tracking.result import TargetView, Timings, TrackResult, TrackState, TrackStep
 
 CAMERA = Camera(160, 128, 150.0, 150.0, 79.5, 63.5)
 FRAME_IDS = (0, 1, 3, 4)

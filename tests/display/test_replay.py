@@ -16,7 +16,8 @@ from acp_lab.display.replay.images import JPEG_QUALITY, MOST_BYTES_PER_PIXEL, MO
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import SessionInfo, TrackedObject, TrackResult, TrackState
+from acp_lab.tracking.observer import SessionInfo, TrackedObject
+from acp_lab.tracking.result import TrackResult, TrackState
 from tests.display.made_run import CAMERA, FRAME_IDS, STEPS, box, frames, play, recorded, result, true_pose
 from tests.display.recording import Recording
 

@@ -12,7 +12,8 @@ from acp_lab.display.widgets.frame_shelf import FrameShelf
 from acp_lab.display.widgets.track_player import TrackPlayer, result_overlays
 from acp_lab.errors import SequenceError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import SessionInfo, TargetView, TrackedObject, TrackStep
+from acp_lab.tracking.observer import SessionInfo, TrackedObject
+from acp_lab.tracking.result import TargetView, TrackStep
 from acp_lab.tracking.session import TrackRun
 from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, box, frames, result, true_pose
 from tests.prepared_sample import sample_scene

@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from acp_lab.tracking.measure import DistanceMeasure
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import CONTROL_COORDINATES, POSE_COORDINATES, LossSurface, Space
-from acp_lab.tracking.measure import DistanceMeasure
 from acp_lab.tracking.solvers import SolverConfig
 from tests.prepared_sample import sample_model, sample_scene
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from acp_lab.tracking.method_tracker import MethodTracker
 
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
@@ -17,7 +18,6 @@ from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.painted.training import train_autoencoder
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.tracking.method import ACP_PAPER, DIRECT_6DOF, UNOPTIMISED_POINTS, MethodConfig
-from acp_lab.tracking.method_tracker import MethodTracker
 from tests.made_parts import box, looking_at
 from tests.tracking.rendered import STEP, MadeSequence, add_percent, draw, poses, prepared
 

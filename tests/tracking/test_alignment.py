@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import acp_lab.tracking.alignment as alignment_module
 import numpy as np
 import pytest
+from acp_lab.tracking.alignment import Aligner, Level, SolverConfig, Stopwatch
 
-import acp_lab.tracking.alignment as alignment_module
 from acp_lab.cad.part import Part
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import disturb_pose, transform
 from acp_lab.geometry.pose_step import centre_position, move_pose
+from acp_lab.imaging.edge_search import ImagePatch
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.tracking.alignment import Aligner, Level, SolverConfig, Stopwatch
 from acp_lab.tracking.recovery import shifted_poses, try_poses
-from acp_lab.tracking.targets.image_edges import ImagePatch
 from acp_lab.tracking.tracker import Tracker, TrackerConfig
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.imaging.edge_search import Candidates
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
-from acp_lab.tracking.targets.image_edges import Candidates
 
 CONFIG = MemoryConfig()
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from acp_lab.tracking.method_tracker import MethodTracker
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import PreparationError, TrackingError
@@ -15,8 +16,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.frame_view import View
 from acp_lab.tracking.method import MethodConfig
-from acp_lab.tracking.method_tracker import MethodTracker
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.solvers import SolverConfig
 from acp_lab.tracking.sources.rigid import RigidEdgeSource

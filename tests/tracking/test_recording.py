@@ -13,7 +13,8 @@ from acp_lab.cad.part import Part
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import SessionInfo, TrackResult
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.session import image_path_of, track_sequence
 from acp_lab.tracking.tracker import Tracker
 from tests.tracking.rendered import CAMERA, MadeSequence

@@ -11,7 +11,8 @@ from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import SessionInfo, Timings, TrackResult, TrackState
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import Timings, TrackResult, TrackState
 from acp_lab.tracking.session import TrackRun, track_sequence
 from tests.made_parts import box
 from tests.tracking.rendered import MadeSequence

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.states import StateConfig, StateMachine
 
 CONFIG = StateConfig(weak_below=0.4, tracking_above=0.5, lost_below=0.2, found_above=0.3, patience=3)

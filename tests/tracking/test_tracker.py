@@ -21,7 +21,7 @@ from acp_lab.geometry.pose import check_rotation, make_pose, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import TrackResult, TrackState
+from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.session import track_sequence
 from acp_lab.tracking.tracker import Tracker, TrackerConfig
 from tests.made_parts import box, looking_at

@@ -12,8 +12,8 @@ import numpy as np
 
 from acp_lab.display.look import GENERATED, IMAGE, POINTS, TRUTH, UNKNOWN
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.imaging.edge_search import ImagePatch, SearchConfig, search_along_normals
 from acp_lab.studies.edge_finding import FindingStudy
-from acp_lab.tracking.targets.image_edges import ImagePatch, SearchConfig, search_along_normals
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

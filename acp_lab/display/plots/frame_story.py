@@ -16,10 +16,10 @@ from acp_lab.display.look import GENERATED, IMAGE, POINTS, START, TRUTH, UNKNOWN
 from acp_lab.display.pictures import draw_strokes
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray, IntArray
-from acp_lab.tracking.alignment import Observation
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.states import StateConfig
+from acp_lab.tracking.targets.normals import NormalMeasure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +88,7 @@ def _gaps(ids: IntArray) -> IntArray:
     return gaps
 
 
-def draw_found(axes: Axes, observation: Observation, scores: FloatArray) -> None:
+def draw_found(axes: Axes, observation: NormalMeasure, scores: FloatArray) -> None:
     """The generated edge points, and the image edge that scores best for each; dots as large as their scores.
 
     scores: (n, m) of the observation's candidates, with or without the memory's weight.
@@ -104,7 +104,7 @@ def draw_found(axes: Axes, observation: Observation, scores: FloatArray) -> None
     axes.scatter(x, y, s=_LARGEST_DOT * height, color=IMAGE, linewidths=0.0, label="image edge, by score")
 
 
-def draw_memory(axes: Axes, observation: Observation, row: int, way_px: float) -> None:
+def draw_memory(axes: Axes, observation: NormalMeasure, row: int, way_px: float) -> None:
     """The candidates of one edge point along its normal: scores of the image alone, and with the memory.
 
     way_px: place of the true edge along the normal.

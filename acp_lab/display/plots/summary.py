@@ -22,7 +22,8 @@ from acp_lab.display.colours import GREY, LARGEST_RESIDUAL_PX, OBJECT_COLOURS, r
 from acp_lab.files import replacing
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import SessionInfo, TrackResult
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import TrackResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

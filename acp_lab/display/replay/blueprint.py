@@ -13,7 +13,8 @@ import numpy as np
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
-from acp_lab.tracking.observer import TrackedObject, TrackResult
+from acp_lab.tracking.observer import TrackedObject
+from acp_lab.tracking.result import TrackResult
 
 PLAYBACK_FPS = 15.0
 EYE_DIRECTION = (0.6, -0.55, -1.0)

@@ -21,7 +21,8 @@ from acp_lab.display.replay.object_log import object_name
 from acp_lab.evaluation import PoseError, pose_error
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import TrackedObject, TrackResult, TrackState
+from acp_lab.tracking.observer import TrackedObject
+from acp_lab.tracking.result import TrackResult, TrackState
 
 if TYPE_CHECKING:
     from rerun import RecordingStream

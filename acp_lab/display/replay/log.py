@@ -22,7 +22,8 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import SessionInfo, TargetView, TrackResult, TrackState
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import TargetView, TrackResult, TrackState
 
 if TYPE_CHECKING:
     from rerun import RecordingStream

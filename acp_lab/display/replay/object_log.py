@@ -19,7 +19,8 @@ from acp_lab.display.replay.parts import box_lines, cad_edges, control_points_of
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
-from acp_lab.tracking.observer import TargetView, TrackedObject, TrackResult, TrackStep
+from acp_lab.tracking.observer import TrackedObject
+from acp_lab.tracking.result import TargetView, TrackResult, TrackStep
 
 CORNER_TO_CENTRE = 0.5
 STROKE_PX = 3.0

@@ -24,7 +24,7 @@ from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, shown
 from acp_lab.errors import AcpLabError, InputFileError
 from acp_lab.files import replacing
 from acp_lab.geometry.arrays import ByteImage
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 
 if TYPE_CHECKING:
     from PIL import ImageDraw

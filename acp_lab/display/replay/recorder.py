@@ -21,7 +21,8 @@ from acp_lab.display.replay.log import Iterations, RunLog
 from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import InputFileError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.observer import SessionInfo, TrackResult
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import TrackResult
 
 APPLICATION = "acp_lab"
 RUN_PROPERTY = "acp_lab_run"

@@ -24,7 +24,8 @@ from acp_lab.display.replay.images import ImageWriter
 from acp_lab.display.replay.log import RunLog
 from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import AcpLabError, SequenceError
-from acp_lab.tracking.observer import SessionInfo, TrackResult
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.session import TrackRun
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import Coordinate, Descent, LossSlice, LossSurface, Space
 from acp_lab.tracking.losses import LOSS_FORMS
-from acp_lab.tracking.solvers import SolverConfig
+from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt, Solver
 
 WHITE = (1.0, 1.0, 1.0)
 MAP_PX = 360
@@ -29,8 +29,10 @@ BANDS = 28
 """The map is drawn in so many shades, whose borders are lines of equal loss."""
 GRID = 33
 BCE = "reference code: BCE of images"
-SOLVERS = ("gauss-newton", "levenberg-marquardt", "adam")
 STEPS = 12
+SOLVERS: dict[str, Solver] = {
+    solver.kind: solver for solver in (GaussNewton(STEPS), LevenbergMarquardt(STEPS), Adam(STEPS, rate=2.0))
+}
 ANNEALING = (1.0, 0.5, 0.25)
 CONTROL_REACH_PX = 24.0
 TURN_REACH_DEG = 8.0
@@ -92,7 +94,7 @@ class LossLandscape(ipywidgets.VBox):
         self.alpha = ipywidgets.FloatSlider(alpha, min=1.0, max=40.0, step=0.5, description="α [px]", **look)
         self.anneal = ipywidgets.Checkbox(False, description="anneal: α, α/2, α/4", indent=False)
         self.anneal.layout.width = "auto"
-        self.solver = ipywidgets.Dropdown(options=SOLVERS, description="solver", **look)
+        self.solver = ipywidgets.Dropdown(options=tuple(SOLVERS), description="solver", **look)
         self.space.observe(lambda _: self._change_space(), "value")
         for control in (self.u, self.v, self.reach):
             control.observe(lambda _: self._change_slice(), "value")
@@ -156,7 +158,7 @@ class LossLandscape(ipywidgets.VBox):
         if self.form.value != BCE:
             shares = ANNEALING if self.anneal.value else (1.0,)
             alphas = tuple(max(self.alpha.value * share, 1.0) for share in shares)
-            solver = SolverConfig(name=self.solver.value, steps=STEPS, rate=2.0)
+            solver = SOLVERS[self.solver.value]
             self.descent = self.surface.descend(self._space(), self.start_offsets, self.form.value, alphas, solver)
         self._show_way()
         self._show_start()

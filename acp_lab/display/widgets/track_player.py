@@ -18,7 +18,7 @@ from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.tracking.observer import TrackResult
+from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.session import TrackRun
 
 LOSS_ROW, QUALITY_ROW = "loss e(I)", "quality [0 to 1]"

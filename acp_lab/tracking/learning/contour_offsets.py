@@ -17,11 +17,13 @@ The spread becomes a weight in the solver: samples with a well-known offset deci
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 
 # A handful of samples has no scatter to speak of.
 MIN_FOR_SCATTER = 30
@@ -47,6 +49,7 @@ class OffsetConfig:
         largest: no measured offset is taken as larger.
     """
 
+    kind: ClassVar[str] = "on"
     edge_spread_px: float = 0.3
     known_spread: float = 0.25
     cell_spread: float = 0.375
@@ -75,10 +78,10 @@ class ExpectedOffsets:
         px_per_mm: (n,) scale across the edge, signed: positive where outward is along the normal.
     """
 
-    offsets_px: np.ndarray
-    weights: np.ndarray
-    offsets_mm: np.ndarray
-    px_per_mm: np.ndarray
+    offsets_px: FloatArray
+    weights: FloatArray
+    offsets_mm: FloatArray
+    px_per_mm: FloatArray
 
 
 class ContourOffsets:
@@ -109,7 +112,7 @@ class ContourOffsets:
         ratio = self._inner_scatter_px / config.inner_scatter_px
         return float(np.clip(config.inner_spread * ratio**config.inner_power, *config.inner_limits))
 
-    def expect(self, ids: np.ndarray, outline: np.ndarray, directions_obj: np.ndarray) -> ExpectedOffsets:
+    def expect(self, ids: IntArray, outline: BoolArray, directions_obj: FloatArray) -> ExpectedOffsets:
         """Offsets of visible samples.
 
         Args:
@@ -144,7 +147,7 @@ class ContourOffsets:
         return ExpectedOffsets(offsets_mm * px_per_mm, weights, offsets_mm, px_per_mm)
 
     def observe_scatter(
-        self, ids: np.ndarray, outline: np.ndarray, residuals_px: np.ndarray, jacobian: np.ndarray
+        self, ids: IntArray, outline: BoolArray, residuals_px: FloatArray, jacobian: FloatArray
     ) -> None:
         """Take in how inner creases scatter in a solved frame.
 
@@ -158,7 +161,7 @@ class ContourOffsets:
             seen = max(_scatter_after_fit(residuals_px[rows], jacobian[rows]), 0.05)
             self._inner_scatter_px += self.config.scatter_rate * (seen - self._inner_scatter_px)
 
-    def learn(self, ids: np.ndarray, outline: np.ndarray, expected: ExpectedOffsets, residuals_px: np.ndarray) -> None:
+    def learn(self, ids: IntArray, outline: BoolArray, expected: ExpectedOffsets, residuals_px: FloatArray) -> None:
         """Take in what a trusted pose shows.
 
         Args:
@@ -176,7 +179,7 @@ class ContourOffsets:
         np.add.at(self._cell_sum, cells, measured[shared])
 
 
-def _scatter_after_fit(residuals_px: np.ndarray, jacobian: np.ndarray) -> float:
+def _scatter_after_fit(residuals_px: FloatArray, jacobian: FloatArray) -> float:
     """Median absolute residual that is left after a robust fit of one pose step."""
     rest = residuals_px
     # Columns in rad and mm are brought to one scale, for a ridge that touches only what cannot be seen.

@@ -8,10 +8,12 @@ counts fully, one that contradicts it is weakened, never excluded.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from acp_lab.tracking.targets.image_edges import Candidates
+from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.imaging.edge_search import Candidates
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class MemoryConfig:
         learn_within_px: a sample learns only from an image edge that close to its solved position.
     """
 
+    kind: ClassVar[str] = "on"
     rate: float = 0.4
     gradient_tolerance: float = 0.5
     gradient_floor: float = 0.1
@@ -46,8 +49,10 @@ class EdgeMemory:
         self.known = np.zeros(sample_count, bool)
         self.means = np.zeros((sample_count, 3))
 
-    def factors(self, sample_ids: np.ndarray, candidates: Candidates) -> np.ndarray:
+    def factors(self, sample_ids: IntArray, candidates: Candidates) -> FloatArray:
         """(n, m) in (0, 1]: how well each candidate agrees with its sample's past; 1 where there is none."""
+        if not self.known.any():
+            return np.ones_like(candidates.scores)
         config = self.config
         gradient, before, after = self.means[sample_ids].T[..., None]
         relative = (candidates.gradients - gradient) / (np.abs(gradient) + 1.0)
@@ -59,7 +64,7 @@ class EdgeMemory:
         return np.where(self.known[sample_ids, None], by_gradient * by_grey, 1.0)
 
     def learn(
-        self, sample_ids: np.ndarray, candidates: Candidates, chosen: np.ndarray, distance_px: np.ndarray
+        self, sample_ids: IntArray, candidates: Candidates, chosen: IntArray, distance_px: FloatArray
     ) -> None:
         """Take in the candidates that the solved pose chose.
 

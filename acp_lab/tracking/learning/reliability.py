@@ -8,8 +8,11 @@ crease are kept apart, as in `contour_offsets`: the same edge behaves differentl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,7 @@ class ReliabilityConfig:
         rate: share of a new frame in the running mean.
     """
 
+    kind: ClassVar[str] = "on"
     scatter_px: float = 0.4
     initial_px: float = 0.3
     miss_px: float = 1.0
@@ -36,12 +40,12 @@ class SampleReliability:
         self.config = config
         self._mean_square = np.full((sample_count, 2), config.initial_px**2)
 
-    def weights(self, ids: np.ndarray, outline: np.ndarray) -> np.ndarray:
+    def weights(self, ids: IntArray, outline: BoolArray) -> FloatArray:
         """(n,) in (0, 1] for samples `ids` (n,) with `outline` (n,) bool."""
         square = self.config.scatter_px**2
         return square / (square + self._mean_square[ids, outline.astype(np.intp)])
 
-    def learn(self, ids: np.ndarray, outline: np.ndarray, residuals_px: np.ndarray) -> None:
+    def learn(self, ids: IntArray, outline: BoolArray, residuals_px: FloatArray) -> None:
         """Take in the residuals (n,) px of a solved frame, NaN where no image edge was found."""
         worst = self.config.miss_px**2
         square = np.minimum(np.nan_to_num(residuals_px**2, nan=worst), worst)

@@ -1,10 +1,12 @@
 """From generated edge points back to the CAD model: the 3D point that an edge point shows.
 
 An edge image has no depth, and moving its edges as a rigid part moves ("w/o CP" in paper Table III) needs one. The
-point is that of the nearest 3D edge sample that can be seen at the pose; ray casting says which can.
+point is that of the nearest 3D edge sample that is visible at the pose; ray casting decides which are.
 """
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,7 +17,9 @@ from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
-from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.tracking.frame_view import Estimate
 
 # Further from any visible CAD edge, a painted edge is an invention of the network.
 _FAR_PX = 4.0
@@ -30,19 +34,24 @@ class EdgeLifter:
         # The first samples are spread evenly, and more than these would only cost time.
         self._edges = edges.take(np.arange(min(len(edges), _SAMPLES)))
         self._offset_mm = RAY_OFFSET_IN_DIAMETERS * part.diameter
-        self._caster: RayCaster = make_caster(part)
+        self._part = part
 
-    def lift(self, generated: GeneratedEdges, cam_T_obj: np.ndarray, camera: Camera) -> np.ndarray:
+    @cached_property
+    def _caster(self) -> RayCaster:
+        # Only edge points that are no known samples need it.
+        return make_caster(self._part)
+
+    def lift(self, generated: GeneratedEdges, at: Estimate) -> FloatArray:
         """(n, 3) mm in the object frame, NaN where no visible CAD edge is near; known samples are what they are."""
         if (generated.sample_ids >= 0).all():
             return self._all_points_obj[generated.sample_ids]
+        cam_T_obj = at.cam_T_obj
         lifted = np.full((len(generated), 3), np.nan)
-        eye_obj = eye_position(cam_T_obj)
-        rows = np.flatnonzero(visible_samples(self._edges, self._caster, eye_obj, self._offset_mm))
+        rows = np.flatnonzero(visible_samples(self._edges, self._caster, eye_position(cam_T_obj), self._offset_mm))
         if len(rows) == 0 or len(generated) == 0:
             return lifted
         points_obj = self._edges.points_obj[rows]
-        tree = cKDTree(camera.project(points_obj @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]))
+        tree = cKDTree(at.view.camera.project(transform(cam_T_obj, points_obj)))
         distances, nearest = tree.query(generated.points, distance_upper_bound=_FAR_PX)
         near = np.isfinite(distances)
         lifted[near] = points_obj[nearest[near]]

@@ -1,71 +1,143 @@
-"""Edges of a rigid part: visible 3D edge samples at the pose of I, so that for any I they are those of a rigid part."""
+"""Edges of a rigid part: visible 3D edge samples at the estimate's pose.
+
+Also what every source of 3D samples shares: outlines drawn where broken edges show them, samples moved to another pose,
+and how their projections follow I.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
 import numpy as np
 
-from acp_lab.cad.edges import facing
-from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.cad.edges import EdgeSamples, facing
+from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, eye_position
+from acp_lab.errors import PreparationError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, project_samples
+from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
+from acp_lab.generator.painted.image_generator import PointSet
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
-from acp_lab.tracking.frame_view import DIFFERENCE_PX, View, pose_flow
-from acp_lab.tracking.learning.contour_offsets import ContourOffsets
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.frame_view import Estimate, View
+
+# For derivatives by differences: far from rounding, and the edges are nearly straight over it.
+DIFFERENCE_PX = 0.25
 
 
-class RigidEdgeSource:
+@dataclass(frozen=True)
+class CadSamples:
+    """Configuration: 3D edge samples of the CAD model that a rigid generator chooses.
+
+    Attributes:
+        generator: "learned" (the visibility network), "templates", or "best": the first of these that is prepared.
+        inset_outlines: draw outlines inside the CAD's by what broken edges take off (not in the paper); leave it off
+            where the method learns the offsets of its samples.
+    """
+
+    kind: ClassVar[str] = "cad-samples"
+    knows_samples: ClassVar[bool] = True
+    generator: Literal["best", "learned", "templates"] = "best"
+    inset_outlines: bool = False
+
+    def open(self, model: PreparedPart, point_set: PointSet) -> RigidSource:
+        """The source of a part; PreparationError when the generator is not prepared."""
+        generator = _rigid_generator(model, self.generator)
+        return RigidSource(generator, outline_inset_mm(model) if self.inset_outlines else 0.0)
+
+
+class RigidSource:
     """t(I) of a rigid generator, such as the visibility network."""
 
-    def __init__(self, generator: RigidGenerator, offsets: ContourOffsets, count: int) -> None:
+    knows_samples = True
+
+    def __init__(self, generator: RigidGenerator, inset_mm: float) -> None:
+        self.name = generator.name
+        self.regions = generator.regions
+        self.canonical_size = CANONICAL_SIZE
         self._generator = generator
-        self._offsets = offsets
-        self._count = count
+        self._inset_mm = inset_mm
+        self.is_exact = not inset_mm
 
-    def generate(self, view: View, control_points: np.ndarray) -> GeneratedEdges:
-        """The edges of I (4, 2) px."""
-        pose = view.pose(control_points)
-        return project_with_offsets(self._offsets, self._generator.visible(pose, view.region, self._count), view, pose)
+    def generate(self, at: Estimate, count: int) -> GeneratedEdges:
+        """The edges of an estimate."""
+        pose = at.cam_T_obj
+        visible = self._generator.visible(pose, at.view.region, count)
+        return project_inset(self._generator.edges, visible, at.view, pose, self._inset_mm)
 
-    def settled(
-        self, view: View, control_points: np.ndarray, cam_T_obj: np.ndarray, edges: GeneratedEdges
-    ) -> GeneratedEdges:
-        """The same samples at the pose (4, 4)."""
-        return project_again(self._offsets, edges, view, cam_T_obj)
+    def reproject(self, at: Estimate, edges: GeneratedEdges) -> GeneratedEdges:
+        """The same samples at the estimate's pose."""
+        return project_again(self._generator.edges, edges, at, self._inset_mm)
 
-    def flow(self, view: View, control_points: np.ndarray, edges: GeneratedEdges, by_differences: bool) -> np.ndarray:
+    def flow(self, at: Estimate, edges: GeneratedEdges, by_differences: bool) -> FloatArray:
         """(n, 2, 8), see `rigid_flow`."""
-        return rigid_flow(view, control_points, self._offsets.edges.points_obj[edges.sample_ids], by_differences)
+        return rigid_flow(at, self._generator.edges.points_obj[edges.sample_ids], by_differences)
 
 
-def project_with_offsets(
-    offsets: ContourOffsets, visible: VisibleSamples, view: View, cam_T_obj: np.ndarray
+def outline_inset_mm(model: PreparedPart) -> float:
+    """mm by which the outlines of the real part are expected to lie inside those of its CAD model."""
+    return OUTLINE_SHARE_OF_BREAK * model.edge_break_mm
+
+
+def project_inset(
+    edges: EdgeSamples, visible: VisibleSamples, view: View, cam_T_obj: FloatArray, inset_mm: float
 ) -> GeneratedEdges:
-    """Visible samples at a pose, outlines where the broken edges of the real part show them (not in the paper)."""
-    drawn = project_samples(offsets.edges, visible, cam_T_obj, view.camera)
-    points_cam = offsets.edges.points_obj[visible.ids] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
-    directions = image_directions(points_cam, drawn.normals, view.camera)
-    expected = offsets.expect(visible.ids, visible.outline, directions @ cam_T_obj[:3, :3])
-    points = drawn.points + expected.offsets_px[:, None] * drawn.normals
-    return GeneratedEdges(points, drawn.tangents, drawn.weights, drawn.sample_ids)
+    """Visible samples at a pose (4, 4), outlines drawn inside by inset_mm."""
+    drawn = project_samples(edges, visible, cam_T_obj, view.camera)
+    if not inset_mm:
+        return drawn
+    normals = drawn.normals
+    points_cam = transform(cam_T_obj, edges.points_obj[visible.ids])
+    directions_obj = image_directions(points_cam, normals, view.camera) @ cam_T_obj[:3, :3]
+    # Which way along the image normal leads off the material.
+    outward = np.sign(np.einsum("nj,nj->n", directions_obj, edges.normals_obj[visible.ids].sum(1)))
+    px_per_mm = outward * np.linalg.norm(directions_obj, axis=1)
+    offsets_px = np.where(visible.outline, -inset_mm, 0.0) * px_per_mm
+    return replace(drawn, points=drawn.points + offsets_px[:, None] * normals)
 
 
-def project_again(offsets: ContourOffsets, edges: GeneratedEdges, view: View, cam_T_obj: np.ndarray) -> GeneratedEdges:
-    """Edge points of known samples moved to another pose (4, 4), with their weights as they were."""
-    outline = facing(offsets.edges, eye_position(cam_T_obj)).outline[edges.sample_ids]
-    return project_with_offsets(offsets, VisibleSamples(edges.sample_ids, outline, edges.weights), view, cam_T_obj)
+def project_again(edges: EdgeSamples, drawn: GeneratedEdges, at: Estimate, inset_mm: float) -> GeneratedEdges:
+    """Edge points of known samples moved to the pose of an estimate, with their weights as they were."""
+    ids, outline = drawn.sample_ids, drawn.outline
+    if inset_mm:
+        outline = facing(edges, eye_position(at.cam_T_obj)).outline[ids]
+    return project_inset(edges, VisibleSamples(ids, outline, drawn.weights), at.view, at.cam_T_obj, inset_mm)
 
 
-def rigid_flow(view: View, control_points: np.ndarray, points_obj: np.ndarray, by_differences: bool) -> np.ndarray:
-    """(n, 2, 8) how projections of points_obj (n, 3) mm follow I (4, 2) px through PnP.
+def pose_flow(view: View, cam_T_obj: FloatArray, points_obj: FloatArray) -> FloatArray:
+    """(n, 2, 6) how the projections of points_obj (n, 3) mm move by a pose step about the part's centre."""
+    along = (np.tile(axis, (len(points_obj), 1)) for axis in np.eye(2))
+    return np.stack([view.pose_jacobian(cam_T_obj, points_obj, directions) for directions in along], 1)
+
+
+def rigid_flow(at: Estimate, points_obj: FloatArray, by_differences: bool) -> FloatArray:
+    """(n, 2, 8) how projections of points_obj (n, 3) mm follow I through PnP.
 
     By the pose that follows I in the least-squares sense, or by differences of PnP itself.
     """
+    view = at.view
     if not by_differences:
-        pose = view.pose(control_points)
+        pose = at.cam_T_obj
         # Two of the eight directions are no rigid motion; the pseudo-inverse gives the rigid motion next to them.
         return pose_flow(view, pose, points_obj) @ np.linalg.pinv(view.control_jacobian(pose))
     flow = np.empty((len(points_obj), 2, 8))
     for k, nudge in enumerate(np.eye(8).reshape(8, 4, 2) * DIFFERENCE_PX):
-        there, back = (view.pose(control_points + sign * nudge) for sign in (1.0, -1.0))
-        ahead, behind = (view.camera.project(points_obj @ p[:3, :3].T + p[:3, 3]) for p in (there, back))
+        ahead, behind = (
+            view.camera.project(transform(view.at_points(at.control_points + sign * nudge).cam_T_obj, points_obj))
+            for sign in (1.0, -1.0)
+        )
         flow[:, :, k] = (ahead - behind) / (2.0 * DIFFERENCE_PX)
     return flow
+
+
+def _rigid_generator(model: PreparedPart, name: str) -> RigidGenerator:
+    if name == "best":
+        return model.best_generator()
+    if name not in model.generator_names:
+        raise PreparationError(
+            f"{model.part.name}: generator {name} is not prepared; "
+            f"run: acp-lab prepare {model.part.path or 'MESH'} --out PARTS_DIR --generator {name}"
+        )
+    return model.best_generator() if name == "learned" or model.templates is None else model.templates

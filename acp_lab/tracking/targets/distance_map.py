@@ -9,44 +9,174 @@ its own direction. (Deviation, off by default: one map attracts an edge point to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import cv2
 import numpy as np
 
+from acp_lab.errors import TrackingError
+from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.imaging.canny import CannyConfig, canny, to_grey
 from acp_lab.imaging.distance import distance_map
+from acp_lab.tracking.frame_view import Box, Estimate, FrameView
+from acp_lab.tracking.learning.knowledge import SampleKnowledge
+from acp_lab.tracking.losses import LossForm, edge_loss
+from acp_lab.tracking.result import TargetView
+from acp_lab.tracking.schedule import Level
+from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_weight
 
 Denoiser = Literal["none", "median", "bilateral", "nonlocal-means"]
 
 
 @dataclass(frozen=True)
-class TargetConfig:
-    """How a frame becomes something to compare edges with.
+class EdgeMapConfig:
+    """How a frame becomes an edge map and its distance map.
 
     Attributes:
-        search: "distance-map" (the paper), or "normals": image edges are searched along each edge point's normal
-            instead, as `--method acp` does; the other settings then do not apply.
         blur_px: standard deviation of the Gaussian before Canny.
         denoise: what takes out noise before the blur.
         thresholds: rule of Canny's automatic thresholds, see `imaging.canny`.
         orientation_bins: 1 for the paper's single map, more for one map per edge direction.
     """
 
-    search: Literal["distance-map", "normals"] = "distance-map"
     blur_px: float = 0.7
     denoise: Denoiser = "none"
     thresholds: Literal["otsu", "median"] = "otsu"
     orientation_bins: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.blur_px <= 20.0:
+            raise TrackingError(f"edge_map.blur_px = {self.blur_px:g}: give px from 0 to 20")
+        if not 1 <= self.orientation_bins <= 32:
+            raise TrackingError(f"edge_map.orientation_bins = {self.orientation_bins}: give 1 to 32")
+
+
+@dataclass(frozen=True)
+class DistanceMap:
+    """Configuration: generated edge points look up their distance to the nearest image edge (the paper).
+
+    Attributes:
+        loss: e(I) of a distance, see `losses`; "printed" cannot be minimised and is refused.
+        edge_map: how the edges of the frame are found.
+        weight: of this measure beside others.
+    """
+
+    kind: ClassVar[str] = "distance-map"
+    searches: ClassVar[bool] = False
+    loss: LossForm = "geman-mcclure"
+    edge_map: EdgeMapConfig = field(default_factory=EdgeMapConfig)
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.loss == "printed":
+            raise TrackingError(
+                "loss form printed: eq. 6 has a pole at D = alpha and no minimum: choose logistic, saturating, "
+                "geman-mcclure or tukey"
+            )
+        check_weight(self.weight)
+
+    def see(self, view: FrameView, knowledge: SampleKnowledge) -> DistanceMapTarget:
+        """The target of one frame."""
+        return DistanceMapTarget(distance_target(view.image, view.box, self.edge_map), self.loss)
+
+
+class DistanceMapTarget:
+    """A frame's distance map with a loss."""
+
+    def __init__(self, target: DistanceTarget, loss: LossForm) -> None:
+        self._target = target
+        self._loss = loss
+
+    def bind(self, edges: GeneratedEdges, at: Estimate, level: Level) -> DistanceMeasure:
+        """The measure of one level."""
+        return DistanceMeasure(self._target, self._loss, level.alpha_px)
+
+    def agreement(self, edges: GeneratedEdges, at: Estimate, level: Level, sigma_px: float) -> float:
+        """The quality of an estimate's edges."""
+        return DistanceJudgement.of(self._target, edges, sigma_px).quality
+
+
+class DistanceMeasure:
+    """Distances to the nearest image edge, weighted by a loss (eq. 6 as the text means it)."""
+
+    def __init__(self, target: DistanceTarget, form: LossForm, alpha_px: float) -> None:
+        self._target = target
+        self._form = form
+        self._alpha_px = alpha_px
+
+    def __call__(self, edges: GeneratedEdges) -> DistanceMeasurement:
+        """What the distance map says about edge points."""
+        seen = self._target.distances(edges.points, edges.normals)
+        loss = edge_loss(self._form, seen.values, self._alpha_px)
+        weights = loss.least_squares_weights(seen.values) * edges.weights
+        # The distance grows along its gradient, so the image edge lies the other way.
+        return DistanceMeasurement(seen.values, -seen.gradients, weights, loss.values, edges.weights)
+
+    def reported_loss(self, edges: GeneratedEdges) -> float:
+        """e with the level's alpha."""
+        return self(edges).loss
+
+    def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> DistanceJudgement:
+        """What the frame says of an estimate's own edges."""
+        return DistanceJudgement.of(self._target, drawn, QUALITY_SIGMA_PX, self.reported_loss(moved))
+
+
+@dataclass(frozen=True)
+class DistanceMeasurement:
+    """See `solvers.Measurement`; values: (n,) the loss per point; shares: (n,) how much each counts in the mean."""
+
+    residuals: FloatArray
+    directions: FloatArray
+    weights: FloatArray
+    values: FloatArray
+    shares: FloatArray
+
+    @property
+    def loss(self) -> float:
+        """e: the mean over the edge points."""
+        total = float(self.shares.sum())
+        return float(self.values @ self.shares) / total if total > 0.0 else float("inf")
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceJudgement:
+    """See `targets.Judgement`; every edge point has a nearest image edge, so there is nothing to learn."""
+
+    edges: GeneratedEdges
+    residuals_px: FloatArray
+    quality: float
+    loss: float
+    target: DistanceTarget
+    matches: None = None
+
+    @property
+    def target_view(self) -> TargetView:
+        """The edge map and the distance map."""
+        target = self.target
+        height, width = target.edges.shape
+        rows, columns = np.nonzero(target.edges)
+        points = np.stack([columns, rows], 1) + np.array(target.origin)
+        return TargetView(points, target.origin, (width, height), target.maps[0])
+
+    @classmethod
+    def of(
+        cls, target: DistanceTarget, edges: GeneratedEdges, sigma_px: float, loss: float = float("nan")
+    ) -> DistanceJudgement:
+        """Quality: the weighted mean nearness of the edge points to image edges."""
+        seen = target.distances(edges.points, edges.normals)
+        residuals = -seen.values * np.sign((seen.gradients * edges.normals).sum(1) - 1e-12)
+        near = np.exp(-0.5 * (residuals / sigma_px) ** 2)
+        return cls(edges, residuals, float(near @ edges.weights / max(edges.weights.sum(), 1e-9)), loss, target)
 
 
 @dataclass(frozen=True)
 class Distances:
     """values: (n,) px to the nearest image edge; gradients: (n, 2) by the point's position, of length about 1."""
 
-    values: np.ndarray
-    gradients: np.ndarray
+    values: FloatArray
+    gradients: FloatArray
 
 
 @dataclass(frozen=True)
@@ -59,11 +189,11 @@ class DistanceTarget:
         origin: (x, y) of the crop's first pixel in the full image.
     """
 
-    edges: np.ndarray
-    maps: np.ndarray
+    edges: BoolArray
+    maps: Float32Array
     origin: tuple[int, int]
 
-    def distances(self, points: np.ndarray, normals: np.ndarray) -> Distances:
+    def distances(self, points: FloatArray, normals: FloatArray) -> Distances:
         """Distance and gradient at points (n, 2) px of the full image with edge normals (n, 2).
 
         Outside the crop the border's value is read, grown by the way to the border, so that a point which left the
@@ -87,14 +217,14 @@ class DistanceTarget:
             gradients[left] = outside[left] / way[left, None]
         return Distances(top + v * (bottom - top) + way, gradients)
 
-    def _layers(self, normals: np.ndarray) -> np.ndarray:
+    def _layers(self, normals: FloatArray) -> IntArray:
         bins = len(self.maps)
         if bins == 1:
             return np.zeros(len(normals), np.intp)
         return np.round(_angle(normals[:, 0], normals[:, 1]) * bins / np.pi).astype(np.intp) % bins
 
 
-def distance_target(image: np.ndarray, box: tuple[int, int, int, int], config: TargetConfig) -> DistanceTarget:
+def distance_target(image: ByteImage, box: Box, config: EdgeMapConfig) -> DistanceTarget:
     """Edge map and distance maps of an image (h, w, 3) uint8 RGB inside a box (x0, y0, x1, y1), cut to the image."""
     height, width = image.shape[:2]
     x0, y0 = min(max(box[0], 0), width - 8), min(max(box[1], 0), height - 8)
@@ -106,7 +236,7 @@ def distance_target(image: np.ndarray, box: tuple[int, int, int, int], config: T
     return DistanceTarget(edges, _maps_by_direction(grey, edges, config), (x0, y0))
 
 
-def _denoised(grey: np.ndarray, denoise: Denoiser) -> np.ndarray:
+def _denoised(grey: ByteImage, denoise: Denoiser) -> ByteImage:
     if denoise == "median":
         return cv2.medianBlur(grey, 3).astype(np.uint8, copy=False)
     if denoise == "bilateral":
@@ -116,7 +246,7 @@ def _denoised(grey: np.ndarray, denoise: Denoiser) -> np.ndarray:
     return grey
 
 
-def _maps_by_direction(grey: np.ndarray, edges: np.ndarray, config: TargetConfig) -> np.ndarray:
+def _maps_by_direction(grey: ByteImage, edges: BoolArray, config: EdgeMapConfig) -> Float32Array:
     smooth = cv2.GaussianBlur(grey, (0, 0), max(config.blur_px, 0.3))
     angle = _angle(
         cv2.Sobel(smooth, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),

@@ -12,7 +12,7 @@ from acp_lab.display.plots.frame_story import add_percents, draw_found, draw_mem
 from acp_lab.errors import SequenceError
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.studies.frame_story import frame_story
-from acp_lab.tracking.observer import TrackState
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker
 from tests.prepared_sample import sample_model, sample_scene

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acp_lab.geometry.arrays import ByteImage, FloatArray
-from acp_lab.tracking.targets.image_edges import (
+from acp_lab.imaging.edge_search import (
     FLANK_PX,
     Candidates,
     ImagePatch,

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
+
 # Scharr's kernel sums to 32 per unit slope; dividing makes gradients grey levels per px.
 SCHARR_GAIN = 1.0 / 32.0
 FLANK_PX = 3
@@ -42,7 +44,7 @@ class ImagePatch:
         origin: (x, y) of the patch's first pixel in the full image.
     """
 
-    channels: np.ndarray
+    channels: Float32Array
     origin: tuple[int, int]
 
 
@@ -57,14 +59,14 @@ class Candidates:
         before, after: (n, m) smoothed grey `FLANK_PX` before and after the peak along the normal.
     """
 
-    offsets: np.ndarray
-    scores: np.ndarray
-    gradients: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
+    offsets: FloatArray
+    scores: FloatArray
+    gradients: FloatArray
+    before: FloatArray
+    after: FloatArray
 
 
-def image_patch(image: np.ndarray, box: tuple[int, int, int, int], blur_px: float) -> ImagePatch:
+def image_patch(image: ByteImage, box: tuple[int, int, int, int], blur_px: float) -> ImagePatch:
     """Gradient and smoothed grey of an image inside a box.
 
     Args:
@@ -80,11 +82,11 @@ def image_patch(image: np.ndarray, box: tuple[int, int, int, int], blur_px: floa
     # A replicated border makes no edge of its own where the part leaves the image.
     gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
     gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
-    return ImagePatch(cv2.merge([gx, gy, smooth]), (x0, y0))
+    return ImagePatch(cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False), (x0, y0))
 
 
 def search_along_normals(
-    patch: ImagePatch, points: np.ndarray, normals: np.ndarray, reach_px: int, config: SearchConfig
+    patch: ImagePatch, points: FloatArray, normals: FloatArray, reach_px: int, config: SearchConfig
 ) -> Candidates:
     """The strongest image edges within `reach_px` of each point along its normal.
 
@@ -107,14 +109,14 @@ def search_along_normals(
     gradient_x, gradient_y, grey = cv2.split(profile)
     along = gradient_x * direction[:, :1] + gradient_y * direction[:, 1:]
     square = along * along
-    # Contrast, and the squared cosine between gradient and normal.
-    score = square / (square + config.contrast**2)
-    score *= square / (gradient_x * gradient_x + gradient_y * gradient_y + 1e-6)
 
     # Peaks are looked for inside the reach only; the flanks beyond it serve the grey levels.
     inner, left, right = (slice(FLANK_PX + k, k - FLANK_PX) for k in (0, -1, 1))
-    peaks = (square[:, inner] > square[:, left]) & (square[:, inner] >= square[:, right])
-    score = np.where(peaks, score[:, inner], np.float32(0.0))
+    inside, x, y = square[:, inner], gradient_x[:, inner], gradient_y[:, inner]
+    # Contrast, and the squared cosine between gradient and normal.
+    score = inside / (inside + config.contrast**2)
+    score *= inside / (x * x + y * y + 1e-6)
+    score *= (inside > square[:, left]) & (inside >= square[:, right])
 
     # A short search has few peaks; carrying empty candidates through the solver would cost as much as full ones.
     count = min(config.max_candidates, 1 + reach_px // 2)

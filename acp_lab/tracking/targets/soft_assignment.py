@@ -1,12 +1,12 @@
 """The loss e(I) on edge points: soft assignment to image edges, saturating with distance.
 
 In paper IV-B a generated edge point whose image edge is further than alpha counts less, because that
-edge is probably missing (its e(I), labelled eq. 8). Here the weight of candidate k of point i is
+edge is probably missing (its e(I), eq. 6). Here the weight of candidate k of point i is
 
     p_ik = score_ik exp(-(d_ik / sigma)^2 / 2),      w_i = sum_k p_ik / (sum_k p_ik + outlier)
 
 so a point without a near, well-contrasted image edge drops out smoothly, and several candidates share
-it. Sigma plays the part of alpha and is lowered from level to level. (Deviation: eq. 8 as printed has
+it. Sigma plays the part of alpha and is lowered from level to level. (Deviation: eq. 6 as printed has
 a pole at distance alpha and cannot be minimised; see docs/paper-ledger.md.)
 """
 
@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acp_lab.geometry.arrays import FloatArray
+
 
 @dataclass(frozen=True)
 class Assignment:
@@ -24,13 +26,15 @@ class Assignment:
     Attributes:
         residuals: (n,) px still to go along the normal, the mean over candidates.
         weights: (n,) in [0, 1).
+        mass: (n,) sum of p_ik over the candidates.
     """
 
-    residuals: np.ndarray
-    weights: np.ndarray
+    residuals: FloatArray
+    weights: FloatArray
+    mass: FloatArray
 
 
-def soft_assignment(distances: np.ndarray, scores: np.ndarray, sigma_px: float, outlier: float) -> Assignment:
+def soft_assignment(distances: FloatArray, scores: FloatArray, sigma_px: float, outlier: float) -> Assignment:
     """Residual and weight per edge point.
 
     Args:
@@ -42,15 +46,19 @@ def soft_assignment(distances: np.ndarray, scores: np.ndarray, sigma_px: float, 
     mass = scores * np.exp(-0.5 * (distances / sigma_px) ** 2)
     total = mass.sum(1)
     residuals = (mass * distances).sum(1) / np.maximum(total, 1e-12)
-    return Assignment(residuals, total / (total + outlier))
+    return Assignment(residuals, total / (total + outlier), total)
 
 
-def robust_loss(distances: np.ndarray, scores: np.ndarray, sigma_px: float, outlier: float) -> float:
+def robust_loss(distances: FloatArray, scores: FloatArray, sigma_px: float, outlier: float) -> float:
     """e(I): mean over edge points of -log((sum_k p_ik + outlier) / (1 + outlier)), 0 for a perfect fit.
 
     The negative log-likelihood whose expectation-maximisation step `soft_assignment` is.
     """
-    mass = (scores * np.exp(-0.5 * (distances / sigma_px) ** 2)).sum(1)
+    return mixture_loss((scores * np.exp(-0.5 * (distances / sigma_px) ** 2)).sum(1), outlier)
+
+
+def mixture_loss(mass: FloatArray, outlier: float) -> float:
+    """`robust_loss` of the candidates' total mass (n,) per edge point; without points, that of an edge not found."""
     if len(mass) == 0:
         return float(np.log1p(outlier) - np.log(outlier))
     return float(np.mean(np.log1p(outlier) - np.log(np.minimum(mass, 1.0) + outlier)))

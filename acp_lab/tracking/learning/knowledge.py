@@ -1,0 +1,142 @@
+"""What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
+
+Each of the three can be switched off. All start empty in the first frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from acp_lab.errors import TrackingError
+from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import image_directions
+from acp_lab.imaging.edge_search import Candidates
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.frame_view import Estimate
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets, OffsetConfig
+from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
+
+
+@dataclass(frozen=True)
+class Off:
+    """Configuration: this part of a method is not there."""
+
+    kind: ClassVar[str] = "off"
+
+
+@dataclass(frozen=True)
+class SampleLearning:
+    """Configuration: what is learnt of each edge sample, on methods whose samples are the CAD's.
+
+    Attributes:
+        memory: how each edge looked; offsets: where it lies beside the CAD's; reliability: how steadily it was found.
+        learn_above: share of the running mean quality below which a frame teaches nothing.
+        trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
+            every sample helps to find the way.
+    """
+
+    kind: ClassVar[str] = "samples"
+    memory: MemoryConfig | Off = field(default_factory=MemoryConfig)
+    offsets: OffsetConfig | Off = field(default_factory=OffsetConfig)
+    reliability: ReliabilityConfig | Off = field(default_factory=ReliabilityConfig)
+    learn_above: float = 0.7
+    trust_from_sigma_px: float = 2.0
+
+    def __post_init__(self) -> None:
+        if all(isinstance(part, Off) for part in (self.memory, self.offsets, self.reliability)):
+            raise TrackingError('learning: memory, offsets and reliability are all off: give learning.kind = "off"')
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Which image edges a solved frame chose.
+
+    Attributes:
+        at: the estimate that they were searched from; points_obj: (n, 3) mm, their 3D samples.
+        edges: n edge points of known samples there; normals: (n, 2) unit, theirs.
+        candidates: image edges along their normals; best: (n,) column of the chosen ones.
+        residuals_px: (n,) from the solved place to the chosen edge, NaN where none was found.
+        sure_residuals_px: the same, NaN also where the image edge is faint.
+        expected: offsets that were expected, None where they are not learnt.
+    """
+
+    at: Estimate
+    points_obj: FloatArray
+    edges: GeneratedEdges
+    normals: FloatArray
+    candidates: Candidates
+    best: np.ndarray
+    residuals_px: FloatArray
+    sure_residuals_px: FloatArray
+    expected: ExpectedOffsets | None
+
+
+class SampleKnowledge:
+    """The memories of one tracked part; memory, offsets and reliability are None where they are off.
+
+    edges: the part's 3D edge samples.
+    """
+
+    def __init__(self, config: SampleLearning | Off, model: PreparedPart) -> None:
+        edges = model.edges
+        self.config = config
+        self.edges = edges
+        self.memory: EdgeMemory | None = None
+        self.offsets: ContourOffsets | None = None
+        self.reliability: SampleReliability | None = None
+        if isinstance(config, Off):
+            return
+        if isinstance(config.memory, MemoryConfig):
+            self.memory = EdgeMemory(len(edges), config.memory)
+        if isinstance(config.offsets, OffsetConfig):
+            self.offsets = ContourOffsets(edges, model.part.diameter, model.edge_break_mm, config.offsets)
+        if isinstance(config.reliability, ReliabilityConfig):
+            self.reliability = SampleReliability(len(edges), config.reliability)
+
+    def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:
+        """(n, m) scores, less for candidates that contradict what their sample looked like."""
+        return scores if self.memory is None else scores * self.memory.factors(sample_ids, candidates)
+
+    def expect(self, edges: GeneratedEdges, normals: FloatArray, at: Estimate) -> ExpectedOffsets | None:
+        """Where the image edges of samples lie beside the CAD's, with the estimate's pose."""
+        if self.offsets is None:
+            return None
+        points_cam = transform(at.cam_T_obj, self.edges.points_obj[edges.sample_ids])
+        directions = image_directions(points_cam, normals, at.view.camera)
+        return self.offsets.expect(edges.sample_ids, edges.outline, directions @ at.cam_T_obj[:3, :3])
+
+    def trust(self, edges: GeneratedEdges, expected: ExpectedOffsets | None, sigma_px: float) -> FloatArray | None:
+        """(n,) weights in (0, 1] at a level of that sigma; None where all samples count alike."""
+        if isinstance(self.config, Off) or sigma_px > self.config.trust_from_sigma_px:
+            return None
+        if self.reliability is None:
+            return None if expected is None else expected.weights
+        steady = self.reliability.weights(edges.sample_ids, edges.outline)
+        return steady if expected is None else expected.weights * steady
+
+    def measure_offsets(self, matches: Matches) -> None:
+        """Take in the offsets that a trusted pose shows."""
+        if self.offsets is not None and matches.expected is not None:
+            edges = matches.edges
+            self.offsets.learn(edges.sample_ids, edges.outline, matches.expected, matches.sure_residuals_px)
+
+    def learns_from(self, quality: float, mean_quality: float) -> bool:
+        """Whether a frame of that quality teaches anything."""
+        return isinstance(self.config, SampleLearning) and quality > self.config.learn_above * mean_quality
+
+    def learn(self, matches: Matches) -> None:
+        """Take in a solved frame."""
+        ids, outline, residuals_px = matches.edges.sample_ids, matches.edges.outline, matches.residuals_px
+        if self.memory is not None:
+            self.memory.learn(ids, matches.candidates, matches.best, np.nan_to_num(residuals_px, nan=np.inf))
+        if self.offsets is not None:
+            rows = matches.at.view.pose_jacobian(matches.at.cam_T_obj, matches.points_obj, matches.normals)
+            self.offsets.observe_scatter(ids, outline, residuals_px, rows)
+        if self.reliability is not None:
+            self.reliability.learn(ids, outline, residuals_px)

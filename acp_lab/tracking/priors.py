@@ -1,0 +1,97 @@
+"""Quadratic priors beside what the image says; each is bound at the start of a level.
+
+All are in px of the control points, so that no balance between radians and millimetres has to be chosen (the unit
+problem of paper Fig. 1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.tracking.frame_view import Estimate
+from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
+from acp_lab.tracking.solvers import Prior
+
+
+@dataclass(frozen=True)
+class ControlPointDamping:
+    """Configuration: each step is damped by how far it moves the control points. weight: per squared px of their mean
+    motion."""
+
+    kind: ClassVar[str] = "control-point-damping"
+    weight: float = 2e-3
+
+    def __post_init__(self) -> None:
+        _check(self.weight)
+
+    def bind(self, variables: ControlPointVariables | PoseVariables, at: Estimate) -> Prior:
+        """The prior of a level that starts at an estimate."""
+        # Half of the Jacobian: the mean over four points, so that the weight is per px of one.
+        return _StepDamping(self.weight, 0.5 * variables.control_jacobian(at))
+
+
+@dataclass(frozen=True)
+class RigidityPrior:
+    """Configuration: I stays near what a rigid part can show; for control points as variables. weight: per px^2."""
+
+    kind: ClassVar[str] = "rigidity"
+    weight: float = 0.05
+
+    def __post_init__(self) -> None:
+        _check(self.weight)
+
+    def bind(self, variables: ControlPointVariables | PoseVariables, at: Estimate) -> Prior:
+        """The prior of a level that starts at an estimate; GeometryError where I is degenerate."""
+        view = at.view
+        basis, _ = np.linalg.qr(view.control_jacobian(at.cam_T_obj), mode="complete")
+        rigid = view.at_pose(at.cam_T_obj).control_points.reshape(8)
+        return _Rigidity(self.weight, rigid, basis[:, 6:].T)
+
+
+class _StepDamping:
+    """Zero residual wherever the estimate is: moving on costs. jacobian: (8, k) of the control points."""
+
+    def __init__(self, weight: float, jacobian: FloatArray) -> None:
+        self.hessian = weight * jacobian.T @ jacobian
+        self._none = np.zeros(len(self.hessian))
+
+    def gradient(self, at: Estimate) -> FloatArray:
+        """(k,) zeros."""
+        return self._none
+
+    def loss(self, at: Estimate) -> float:
+        """0."""
+        return 0.0
+
+
+class _Rigidity:
+    """The two directions of I that no rigid motion makes.
+
+    rigid: (8,) I of the pose of the level's start; jacobian: (2, 8) unit rows across all rigid motions there.
+    """
+
+    def __init__(self, weight: float, rigid: FloatArray, jacobian: FloatArray) -> None:
+        self.hessian = weight * jacobian.T @ jacobian
+        self._weight, self._rigid, self._jacobian = weight, rigid, jacobian
+
+    def gradient(self, at: Estimate) -> FloatArray:
+        """(8,) towards the rigid I."""
+        return self._weight * self._jacobian.T @ self._residual(at)
+
+    def loss(self, at: Estimate) -> float:
+        """Half the weighted squared distance, px."""
+        return 0.5 * self._weight * float((self._residual(at) ** 2).sum())
+
+    def _residual(self, at: Estimate) -> FloatArray:
+        rest: FloatArray = self._jacobian @ (self._rigid - at.control_points.reshape(8))
+        return rest
+
+
+def _check(weight: float) -> None:
+    if not 0.0 < weight < float("inf"):
+        raise TrackingError(f"priors.weight = {weight:g}: give a number above 0, or leave the prior out")

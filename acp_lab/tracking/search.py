@@ -1,0 +1,137 @@
+"""Poses around a pose: what the first frame, recovery and snap share.
+
+A search solves the frame from several starts with few, wide levels, refines the best of them, and says which one
+the frame likes best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from acp_lab.cad.part import Part
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import rotation_angle_deg, transform
+from acp_lab.geometry.pose_step import move_pose
+from acp_lab.tracking.frame_view import Estimate
+from acp_lab.tracking.schedule import Level
+from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.stopwatch import Stopwatch
+
+WIDE_LEVELS = (Level(20, 8.0), Level(16, 5.0), Level(10, 2.5), Level(6, 1.2))
+"""From some degrees and some ten px off."""
+AGREEMENT_LEVEL = Level(6, 1.2)
+"""For comparing poses with each other."""
+_RING = 8
+# No part turns more from one frame to the next; nor does it move by its own size.
+_LARGEST_TURN_DEG = 45.0
+
+
+class PoseSolver(Protocol):
+    """What a search needs of the frame solver; see `frame_solver.FrameSolver`."""
+
+    part: Part
+
+    def solve(
+        self, seen: SeenFrame, start: Estimate, clock: Stopwatch, levels: tuple[Level, ...] | None = None
+    ) -> Solution | None:
+        """argmin e from an estimate."""
+        ...
+
+    def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Stopwatch) -> Solution | None:
+        """What the frame says of an estimate as it is."""
+        ...
+
+    def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
+        """In [0, 1]: how well the frame agrees with an estimate."""
+        ...
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """How a search goes.
+
+    Attributes:
+        levels: of the first solutions.
+        finalists: how many of these are refined.
+        last_levels: of the refinement; None for the method's own.
+    """
+
+    levels: tuple[Level, ...]
+    finalists: int
+    last_levels: tuple[Level, ...] | None = None
+
+
+def search(
+    solver: PoseSolver,
+    seen: SeenFrame,
+    starts: Iterable[Estimate],
+    plan: SearchPlan,
+    score: Callable[[Solution], float],
+) -> Solution | None:
+    """The refined solution with the highest score; None when no start sees the part."""
+    clock = Stopwatch()
+    solved = _ranked((solver.solve(seen, start, clock, plan.levels) for start in starts), score)
+    finals = (solver.solve(seen, first.estimate, clock, plan.last_levels) for first in solved[: plan.finalists])
+    refined = _ranked(finals, score)
+    return next(iter(refined or solved), None)
+
+
+def search_around(
+    solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, turn_deg: float, finalists: int
+) -> Solution | None:
+    """The best solution from a pose (4, 4) and 14 poses turned about axes and diagonals, by agreement."""
+    steps = np.concatenate([_turns(np.radians(turn_deg)), np.zeros((15, 3))], 1)
+    starts = [seen.view.at_pose(move_pose(cam_T_obj, solver.part.box_centre, step)) for step in steps]
+    plan = SearchPlan(WIDE_LEVELS, finalists)
+    return search(
+        solver, seen, starts, plan, lambda solution: solver.agreement(seen, _as_pose(solution), AGREEMENT_LEVEL)
+    )
+
+
+def ring(cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera, shift_px: float) -> tuple[FloatArray, ...]:
+    """Poses (4, 4) whose part appears `shift_px` away from that of `cam_T_obj`, in a ring of eight directions."""
+    depth = transform(cam_T_obj, centre_obj)[2]
+    angles = 2.0 * np.pi * np.arange(_RING) / _RING
+    steps = [
+        np.array(
+            [0.0, 0.0, 0.0, np.cos(a) * shift_px * depth / camera.fx, np.sin(a) * shift_px * depth / camera.fy, 0.0]
+        )
+        for a in angles
+    ]
+    return tuple(move_pose(cam_T_obj, centre_obj, step) for step in steps)
+
+
+def is_plausible(cam_T_obj: FloatArray, last: FloatArray, part: Part) -> bool:
+    """Whether a pose (4, 4) can follow the last one at all; a diverged solution never can."""
+    moved_mm = np.linalg.norm(transform(cam_T_obj, part.box_centre) - transform(last, part.box_centre))
+    turned_deg = rotation_angle_deg(cam_T_obj[:3, :3], last[:3, :3])
+    return bool(turned_deg < _LARGEST_TURN_DEG and moved_mm < 2.0 * part.radius)
+
+
+def better(first: Solution | None, second: Solution | None) -> Solution | None:
+    """The one of more quality; of equals the first."""
+    if first is None or second is None:
+        return first or second
+    return second if second.judgement.quality > first.judgement.quality else first
+
+
+def _ranked(solutions: Iterable[Solution | None], score: Callable[[Solution], float]) -> list[Solution]:
+    """Those that exist, the best first."""
+    return sorted((solution for solution in solutions if solution is not None), key=lambda s: -score(s))
+
+
+def _as_pose(solution: Solution) -> Estimate:
+    return solution.estimate.view.at_pose(solution.cam_T_obj)
+
+
+def _turns(angle_rad: float) -> FloatArray:
+    """(15, 3) rotation vectors: none, about both senses of the three axes, about the four diagonals."""
+    grid = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)], np.float64)
+    count = np.abs(grid).sum(1)
+    axes = grid[(count == 1) | (count == 3)]
+    return np.concatenate([np.zeros((1, 3)), angle_rad * axes / np.linalg.norm(axes, axis=1, keepdims=True)])

@@ -1,0 +1,269 @@
+"""Image edges searched along the normals of the generated edges, softly assigned.
+
+Each generated edge point reads the image along its normal and keeps the strongest image edges as candidates; what
+was learnt of its 3D sample says which of them it may be, and where it lies beside the CAD's edge. (Deviation from
+paper IV-B, whose distance map attracts an edge point to whatever edge is nearest.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from acp_lab.errors import TrackingError
+from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.imaging.edge_search import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
+from acp_lab.tracking.frame_view import Estimate, FrameView
+from acp_lab.tracking.learning.knowledge import Matches, SampleKnowledge
+from acp_lab.tracking.result import TargetView
+from acp_lab.tracking.schedule import Level
+from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_weight
+from acp_lab.tracking.targets.soft_assignment import Assignment, mixture_loss, robust_loss, soft_assignment
+
+# The search has whole pixels; a narrower capture range would only pick among their rounding errors.
+_LEAST_SIGMA_PX = 1.0
+# For judging edges that were never searched from: just beyond the px that still count as found.
+_JUDGE_LEVEL = Level(5, QUALITY_SIGMA_PX)
+_FOUND, _SURELY_FOUND = 0.02, 0.1
+
+
+@dataclass(frozen=True)
+class NormalSearch:
+    """Configuration: image edges along the normals.
+
+    Attributes:
+        search: how candidates are found.
+        bind: search once per "level", at its start, or at every "step".
+        outlier: mass of "no image edge belongs here" in the soft assignment.
+        min_score: candidates below it are noise.
+        weight: of this measure beside others.
+    """
+
+    kind: ClassVar[str] = "normals"
+    searches: ClassVar[bool] = True
+    search: SearchConfig = field(default_factory=SearchConfig)
+    bind: Literal["level", "step"] = "level"
+    outlier: float = 0.5
+    min_score: float = 0.02
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_weight(self.weight)
+        if not self.outlier > 0.0:
+            raise TrackingError(f"targets.outlier = {self.outlier:g}: give a mass above 0")
+        if not 0.0 <= self.min_score < 1.0:
+            raise TrackingError(f"targets.min_score = {self.min_score:g}: give a score from 0 to 1")
+
+    def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
+        """The target of one frame."""
+        return NormalTarget(image_patch(view.image, view.box, self.search.blur_px), self, knowledge)
+
+
+class NormalTarget:
+    """The gradients of one frame around the part, to be searched."""
+
+    def __init__(self, patch: ImagePatch, config: NormalSearch, knowledge: SampleKnowledge) -> None:
+        self.patch = patch
+        self.config = config
+        self.knowledge = knowledge
+
+    def bind(self, edges: GeneratedEdges, at: Estimate, level: Level) -> NormalMeasure | RepeatedSearch:
+        """The measure of one level, or one that searches at every step."""
+        if self.config.bind == "step":
+            return RepeatedSearch(self, at, level)
+        return self.search(edges, at, level)
+
+    def search(self, edges: GeneratedEdges, at: Estimate, level: Level, use_memory: bool = True) -> NormalMeasure:
+        """The candidates of edge points generated at an estimate."""
+        return NormalMeasure(self, edges, at, level, use_memory)
+
+    def agreement(self, edges: GeneratedEdges, at: Estimate, level: Level, sigma_px: float) -> float:
+        """Mean over the edge points of the best candidate's score times its nearness."""
+        return self.search(edges, at, level, use_memory=False).agreement(sigma_px)
+
+
+class NormalMeasure:
+    """Candidates of one level's edge points.
+
+    Attributes:
+        at: the estimate that was searched from; edges: its n points; points (n, 2) px and normals (n, 2) unit are
+        theirs.
+        candidates: image edges along the normals.
+        scores: (n, m) their scores after the memory had its say.
+        targets: (n, m) px along the normal from the point to where the candidate says it belongs, its expected
+        offset
+            taken off.
+        expected: those offsets, None where they are not learnt.
+    """
+
+    def __init__(
+        self, target: NormalTarget, edges: GeneratedEdges, at: Estimate, level: Level, use_memory: bool
+    ) -> None:
+        config, knowledge = target.config, target.knowledge
+        self._target = target
+        self._sigma_px = max(level.sigma_px, _LEAST_SIGMA_PX)
+        self.at, self.edges, self.points, self.normals = at, edges, edges.points, edges.normals
+        self.candidates: Candidates = search_along_normals(
+            target.patch, self.points, self.normals, level.reach_px, config.search
+        )
+        scores = self.candidates.scores
+        if use_memory:
+            scores = knowledge.agreement(edges.sample_ids, self.candidates, scores)
+        self.scores: FloatArray = np.where(scores > config.min_score, scores, 0.0) * edges.weights[:, None]
+        self.expected = knowledge.expect(edges, self.normals, at)
+        self.targets: FloatArray = self.candidates.offsets
+        if self.expected is not None:
+            self.targets = self.targets - self.expected.offsets_px[:, None]
+        self._trust = knowledge.trust(edges, self.expected, self._sigma_px)
+
+    @property
+    def points_obj(self) -> FloatArray:
+        """(n, 3) mm: the 3D samples of the edge points, where these are known."""
+        return self._target.knowledge.edges.points_obj[self.edges.sample_ids]
+
+    def distances(self, edges: GeneratedEdges) -> FloatArray:
+        """(n, m) px along the normals from the points where they are now to where the candidates say."""
+        moved = np.einsum("nj,nj->n", edges.points - self.points, self.normals)
+        return self.targets - moved[:, None]
+
+    def __call__(self, edges: GeneratedEdges) -> NormalMeasurement:
+        """What the candidates say about the points where they are now."""
+        distances = self.distances(edges)
+        assigned = soft_assignment(distances, self.scores, self._sigma_px, self._target.config.outlier)
+        return NormalMeasurement(assigned, self.normals, self._trust, self._sigma_px, self._target.config.outlier)
+
+    def reported_loss(self, edges: GeneratedEdges) -> float:
+        """e with one width for all levels, so that they can be compared."""
+        return robust_loss(self.distances(edges), self.scores, QUALITY_SIGMA_PX, self._target.config.outlier)
+
+    def agreement(self, sigma_px: float) -> float:
+        """In [0, 1]: mean over the points of the best candidate's score times its nearness, without moving them."""
+        return float((self.scores * np.exp(-0.5 * (self.targets / sigma_px) ** 2)).max(1).mean())
+
+    def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> NormalJudgement:
+        """What the candidates say about the level's points where its motion put them."""
+        distances = self.distances(moved)
+        fit = self.scores * np.exp(-0.5 * (distances / QUALITY_SIGMA_PX) ** 2)
+        best = fit.argmax(1)
+        # Edges that were painted anew are other points than those that were searched from.
+        edges = drawn if len(drawn) == len(moved) else moved
+        loss = mixture_loss(fit.sum(1), self._target.config.outlier)
+        return NormalJudgement(edges, self, distances, best, fit[np.arange(len(fit)), best], loss)
+
+    def target_view(self) -> TargetView:
+        """The image edges that were found."""
+        rows, columns = np.nonzero(self.candidates.scores > self._target.config.min_score)
+        offsets = self.candidates.offsets[rows, columns]
+        height, width = self._target.patch.channels.shape[:2]
+        points = self.points[rows] + offsets[:, None] * self.normals[rows]
+        return TargetView(points, self._target.patch.origin, (width, height))
+
+
+class RepeatedSearch:
+    """A measure that searches anew from wherever the points are."""
+
+    def __init__(self, target: NormalTarget, at: Estimate, level: Level) -> None:
+        self._target = target
+        self._at = at
+        self._level = level
+
+    def __call__(self, edges: GeneratedEdges) -> NormalMeasurement:
+        """What the image says about edge points."""
+        return self._target.search(edges, self._at, self._level)(edges)
+
+    def reported_loss(self, edges: GeneratedEdges) -> float:
+        """e with one width for all levels."""
+        return self._target.search(edges, self._at, self._level).reported_loss(edges)
+
+    def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> NormalJudgement:
+        """What a new search at the estimate's own edges says."""
+        return self._target.search(drawn, at, _JUDGE_LEVEL).judge(drawn, drawn, at)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMeasurement:
+    """See `solvers.Measurement`; trust: (n,) of each sample, None where all count alike."""
+
+    assigned: Assignment
+    directions: FloatArray
+    trust: FloatArray | None
+    sigma_px: float
+    outlier: float
+
+    @property
+    def residuals(self) -> FloatArray:
+        """(n,) px still to go along the normals."""
+        return self.assigned.residuals
+
+    @property
+    def weights(self) -> FloatArray:
+        """(n,) of the least squares."""
+        return self.assigned.weights if self.trust is None else self.assigned.weights * self.trust
+
+    @property
+    def loss(self) -> float:
+        """e of the level: the negative log-likelihood of the mixture, in squared px."""
+        return self.sigma_px**2 * mixture_loss(self.assigned.mass, self.outlier)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalJudgement:
+    """See `targets.Judgement`.
+
+    Attributes:
+        measure: whose candidates decided.
+        distances: (n, m) px from each point to its candidates.
+        best: (n,) column of the candidate that fits best.
+        found: (n,) in [0, 1], its score times its nearness.
+        loss: e with one width for all levels, so that they can be compared.
+    """
+
+    edges: GeneratedEdges
+    measure: NormalMeasure
+    distances: FloatArray
+    best: np.ndarray
+    found: FloatArray
+    loss: float
+
+    @property
+    def quality(self) -> float:
+        """In [0, 1]: mean over the points of `found`; 0 without points."""
+        return float(self.found.mean()) if len(self.found) else 0.0
+
+    @cached_property
+    def residuals_px(self) -> FloatArray:
+        """(n,) px to the best candidate, NaN where none was found."""
+        return self.residuals_above(_FOUND)
+
+    def residuals_above(self, found: float) -> FloatArray:
+        """(n,) px to the best candidate, NaN where `found` is not above a limit."""
+        rows = np.arange(len(self.best))
+        return np.where(self.found > found, self.distances[rows, self.best], np.nan)
+
+    @property
+    def target_view(self) -> TargetView:
+        """The image edges that were found, whatever the memory said of them."""
+        return self.measure.target_view()
+
+    @property
+    def matches(self) -> Matches | None:
+        """For those who learn; None where the edge points are no known samples."""
+        measure = self.measure
+        ids = measure.edges.sample_ids
+        if (ids < 0).any():
+            return None
+        return Matches(
+            measure.at,
+            measure.points_obj,
+            measure.edges,
+            measure.normals,
+            measure.candidates,
+            self.best,
+            self.residuals_px,
+            self.residuals_above(_SURELY_FOUND),
+            measure.expected,
+        )
