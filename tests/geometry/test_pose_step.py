@@ -1,4 +1,4 @@
-"""Gauss-Newton on the pose: every Jacobian against finite differences, the step against least squares."""
+"""A small step of a pose, and every Jacobian of what follows it against finite differences."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from acp_lab.geometry.pose_step import (
     move_pose,
     step_jacobian,
 )
-from acp_lab.tracking.gauss_newton import gauss_newton_step
 from tests.geometry.geometry_strategies import directions
 from tests.made_parts import box, looking_at
 
@@ -94,59 +93,3 @@ def test_control_point_jacobian_against_finite_differences(
         step = 1e-5 * np.eye(6)[k]
         ahead, behind = (CAMERA.project(transform(move_pose(pose, CENTRE, s * step), points)) for s in (1.0, -1.0))
         np.testing.assert_allclose(found[:, k], (ahead - behind).ravel() / 2e-5, rtol=1e-5, atol=1e-3)
-
-
-# ---- the step ------------------------------------------------------------------------------------------------
-
-
-@given(seed=st.integers(0, 10_000), damping=st.sampled_from([0.0, 1e-3, 1.0, 100.0]))
-def test_the_step_is_the_damped_least_squares_solution(seed: int, damping: float) -> None:
-    rng = np.random.default_rng(seed)
-    jacobian, residuals = rng.standard_normal((40, 6)), rng.standard_normal(40)
-    weights, control = rng.uniform(0.0, 2.0, 40), rng.standard_normal((8, 6))
-    share = np.sqrt(weights / weights.sum())
-    rows = np.concatenate([share[:, None] * jacobian, np.sqrt(damping) * control])
-    right = np.concatenate([share * residuals, np.zeros(8)])
-    expected = np.linalg.lstsq(rows, right, rcond=None)[0]
-    np.testing.assert_allclose(
-        gauss_newton_step(jacobian, residuals, weights, control, damping), expected, rtol=1e-6, atol=1e-9
-    )
-
-
-def test_weights_count_relative_to_each_other_only() -> None:
-    rng = np.random.default_rng(0)
-    jacobian, residuals, weights = rng.standard_normal((20, 6)), rng.standard_normal(20), rng.uniform(0.1, 1.0, 20)
-    control = rng.standard_normal((8, 6))
-    first, second = (gauss_newton_step(jacobian, residuals, c * weights, control, 0.1) for c in (1.0, 1e-6))
-    np.testing.assert_allclose(first, second)
-
-
-@pytest.mark.parametrize("count", [0, 5])
-def test_without_weight_there_is_no_step(count: int) -> None:
-    step = gauss_newton_step(np.ones((count, 6)), np.ones(count), np.zeros(count), np.ones((8, 6)), 0.1)
-    np.testing.assert_array_equal(step, np.zeros(6))
-
-
-def test_few_samples_move_the_part_no_further_than_they_say() -> None:
-    """Two samples cannot fix six degrees of freedom: the damping keeps the rest still, in control-point pixels."""
-    pose = POSES[0]
-    centre_cam = centre_position(pose, CENTRE)
-    points_cam = transform(pose, points_of_part(2, 1))
-    jacobian = step_jacobian(points_cam, image_directions(points_cam, random_normals(2, 1), CAMERA), centre_cam)
-    control = control_point_jacobian(transform(pose, points_of_part(4, 2)), centre_cam, CAMERA)
-    step = gauss_newton_step(jacobian, np.array([1.0, -1.0]), np.ones(2), control, 2e-3)
-    assert np.abs(control @ step).max() < 10.0
-
-
-def test_repeated_steps_find_the_pose_again() -> None:
-    truth, seed = POSES[0], 3
-    points, normals = points_of_part(60, seed), random_normals(60, seed)
-    seen = CAMERA.project(transform(truth, points))
-    pose = move_pose(truth, CENTRE, np.array([0.05, -0.04, 0.03, 2.0, -1.0, 5.0]))
-    for _ in range(6):
-        points_cam, centre_cam = transform(pose, points), centre_position(pose, CENTRE)
-        residuals = ((seen - CAMERA.project(points_cam)) * normals).sum(1)
-        jacobian = step_jacobian(points_cam, image_directions(points_cam, normals, CAMERA), centre_cam)
-        control = control_point_jacobian(transform(pose, points[:4]), centre_cam, CAMERA)
-        pose = move_pose(pose, CENTRE, gauss_newton_step(jacobian, residuals, np.ones(60), control, 1e-6))
-    np.testing.assert_allclose(transform(pose, points), transform(truth, points), atol=1e-4)

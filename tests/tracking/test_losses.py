@@ -11,7 +11,6 @@ from scipy.integrate import quad
 from acp_lab.tracking.losses import (
     LOSS_FORMS,
     edge_loss,
-    least_squares_weights,
     printed,
     reference_bce,
     saturating,
@@ -64,7 +63,8 @@ def test_losses_grow_and_stay_bounded(form: str) -> None:
 
 @pytest.mark.parametrize("form", ROBUST)
 def test_a_missing_edge_counts_less(form: str) -> None:
-    near, at_the_brink, far = least_squares_weights(form, np.array([0.5, 8.0, 40.0]), 9.0)  # type: ignore[arg-type]
+    distances = np.array([0.5, 8.0, 40.0])
+    near, at_the_brink, far = edge_loss(form, distances, 9.0).least_squares_weights(distances)  # type: ignore[arg-type]
     assert near > at_the_brink > far
     assert far < 0.02 * near
 
@@ -72,8 +72,8 @@ def test_a_missing_edge_counts_less(form: str) -> None:
 @pytest.mark.parametrize("form", MINIMISED)
 def test_weighted_residuals_are_the_gradient(form: str) -> None:
     distances = np.linspace(0.3, 50.0, 60)
-    weights = least_squares_weights(form, distances, 9.0)  # type: ignore[arg-type]
-    np.testing.assert_allclose(weights * distances, edge_loss(form, distances, 9.0).derivatives)  # type: ignore[arg-type]
+    loss = edge_loss(form, distances, 9.0)  # type: ignore[arg-type]
+    np.testing.assert_allclose(loss.least_squares_weights(distances) * distances, loss.derivatives)
 
 
 def test_bce_prefers_the_target_and_has_its_own_derivative() -> None:

@@ -8,16 +8,12 @@ import pytest
 from acp_lab.cad.edges import EdgeSamples, facing, sample_edges
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import image_tangents
+from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
-from acp_lab.tracking.learning.contour_offsets import (
-    OUTLINE_SHARE_OF_BREAK,
-    ContourOffsets,
-    ExpectedOffsets,
-    OffsetConfig,
-)
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets, OffsetConfig
 from tests.made_parts import box, bracket, looking_at
 
 CAMERA = Camera(width=640, height=512, fx=900.0, fy=900.0, cx=319.5, cy=255.5)

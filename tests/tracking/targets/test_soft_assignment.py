@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.tracking.loss import robust_loss, soft_assignment
+from acp_lab.tracking.targets.soft_assignment import robust_loss, soft_assignment
 
 
 def made(seed: int, n: int = 12, m: int = 4, strongest: float = 0.25) -> tuple[FloatArray, FloatArray]:

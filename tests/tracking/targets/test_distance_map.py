@@ -7,7 +7,7 @@ import pytest
 
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.imaging.distance import distance_map
-from acp_lab.tracking.targets.distance_map import DistanceTarget, TargetConfig, distance_target
+from acp_lab.tracking.targets.distance_map import DistanceTarget, EdgeMapConfig, distance_target
 
 WHOLE = (0, 0, 90, 70)
 
@@ -27,7 +27,7 @@ def brute_force(edges: np.ndarray, x: int, y: int) -> float:
 
 
 def test_distances_at_pixels_are_those_to_the_nearest_edge_pixel(square: ByteImage) -> None:
-    target = distance_target(square, WHOLE, TargetConfig())
+    target = distance_target(square, WHOLE, EdgeMapConfig())
     assert target.edges.any()
     points = np.array([[3.0, 5.0], [45.0, 35.0], [80.0, 66.0], [29.0, 20.0]])
     expected = [brute_force(target.edges, int(x), int(y)) for x, y in points]
@@ -36,7 +36,7 @@ def test_distances_at_pixels_are_those_to_the_nearest_edge_pixel(square: ByteIma
 
 
 def test_gradients_are_those_of_what_is_read(square: ByteImage, rng: np.random.Generator) -> None:
-    target = distance_target(square, WHOLE, TargetConfig())
+    target = distance_target(square, WHOLE, EdgeMapConfig())
     # Away from pixel centres, where the bilinear surface has its folds.
     points = np.floor(rng.uniform([2, 2], [86, 66], (200, 2))) + rng.uniform(0.1, 0.9, (200, 2))
     normals = np.tile([1.0, 0.0], (200, 1))
@@ -51,8 +51,8 @@ def test_gradients_are_those_of_what_is_read(square: ByteImage, rng: np.random.G
 
 
 def test_the_crop_knows_where_it_lies(square: ByteImage) -> None:
-    whole = distance_target(square, WHOLE, TargetConfig())
-    crop = distance_target(square, (20, 10, 75, 65), TargetConfig())
+    whole = distance_target(square, WHOLE, EdgeMapConfig())
+    crop = distance_target(square, (20, 10, 75, 65), EdgeMapConfig())
     assert crop.origin == (20, 10)
     points, normals = np.array([[33.3, 30.1], [58.7, 44.2]]), np.array([[1.0, 0.0], [0.0, 1.0]])
     np.testing.assert_allclose(
@@ -61,7 +61,7 @@ def test_the_crop_knows_where_it_lies(square: ByteImage) -> None:
 
 
 def test_a_point_that_left_the_crop_is_far_and_knows_the_way_out(square: ByteImage) -> None:
-    crop = distance_target(square, (20, 10, 75, 65), TargetConfig())
+    crop = distance_target(square, (20, 10, 75, 65), EdgeMapConfig())
     inside, outside = np.array([[20.0, 30.0]]), np.array([[-10.0, 30.0]])
     normal = np.array([[1.0, 0.0]])
     near, far = crop.distances(inside, normal), crop.distances(outside, normal)
@@ -92,8 +92,8 @@ def test_a_direction_sees_only_its_own_edges() -> None:
 
 
 def test_bins_sort_a_square_into_upright_and_level_edges(square: ByteImage) -> None:
-    one = distance_target(square, WHOLE, TargetConfig())
-    four = distance_target(square, WHOLE, TargetConfig(orientation_bins=4))
+    one = distance_target(square, WHOLE, EdgeMapConfig())
+    four = distance_target(square, WHOLE, EdgeMapConfig(orientation_bins=4))
     assert four.maps.shape == (4, 70, 90)
     point, upright = np.array([[45.0, 24.0]]), np.array([[1.0, 0.0]])
     # Below the upper side, an edge point of an upright edge looks past it, to the sides left and right.
@@ -104,7 +104,7 @@ def test_bins_sort_a_square_into_upright_and_level_edges(square: ByteImage) -> N
 @pytest.mark.parametrize("denoise", ["none", "median", "bilateral", "nonlocal-means"])
 @pytest.mark.parametrize("thresholds", ["otsu", "median"])
 def test_every_denoiser_and_rule_finds_the_square(square: ByteImage, denoise: str, thresholds: str) -> None:
-    config = TargetConfig(denoise=denoise, thresholds=thresholds)  # type: ignore[arg-type]
+    config = EdgeMapConfig(denoise=denoise, thresholds=thresholds)  # type: ignore[arg-type]
     target = distance_target(square, WHOLE, config)
     sides = np.array([[29.5, 35.0], [59.5, 35.0], [45.0, 19.5], [45.0, 49.5]])
     assert (target.distances(sides, np.tile([1.0, 0.0], (4, 1))).values < 1.1).all()
@@ -121,8 +121,8 @@ def test_every_denoiser_takes_out_the_edges_that_noise_makes(denoise: str) -> No
     sides[20:50, [30, 59]] = True
     sides[[20, 49], 30:60] = True
     own = distance_map(sides) <= 3.0
-    raw = distance_target(image, WHOLE, TargetConfig()).edges
-    clean = distance_target(image, WHOLE, TargetConfig(denoise=denoise)).edges  # type: ignore[arg-type]
+    raw = distance_target(image, WHOLE, EdgeMapConfig()).edges
+    clean = distance_target(image, WHOLE, EdgeMapConfig(denoise=denoise)).edges  # type: ignore[arg-type]
     assert (raw & ~own).sum() > 300, "the test's own point is gone"
     assert (clean & ~own).sum() < 0.1 * (raw & ~own).sum()
     assert (clean & own).sum() > 100, "the square's own edges must stay"
@@ -133,7 +133,7 @@ def test_the_median_alone_takes_out_single_bright_pixels(square: ByteImage) -> N
     speckled[10:70:15, 8:90:20] = 255
     away = np.s_[:15]
     found = {
-        denoise: int(distance_target(speckled, WHOLE, TargetConfig(denoise=denoise)).edges[away].sum())  # type: ignore[arg-type]
+        denoise: int(distance_target(speckled, WHOLE, EdgeMapConfig(denoise=denoise)).edges[away].sum())  # type: ignore[arg-type]
         for denoise in ("none", "median", "bilateral", "nonlocal-means")
     }
     assert found["median"] == 0
@@ -141,7 +141,7 @@ def test_the_median_alone_takes_out_single_bright_pixels(square: ByteImage) -> N
 
 
 def test_a_black_frame_is_far_from_everything() -> None:
-    target = distance_target(np.zeros((70, 90, 3), np.uint8), WHOLE, TargetConfig())
+    target = distance_target(np.zeros((70, 90, 3), np.uint8), WHOLE, EdgeMapConfig())
     found = target.distances(np.array([[10.0, 10.0]]), np.array([[1.0, 0.0]]))
     assert found.values[0] > 100.0
     assert np.isfinite(found.gradients).all()

@@ -1,0 +1,126 @@
+"""Edge points read off a painted image, and how they flow with the control points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.errors import PreparationError, TrackingError
+from acp_lab.generator.painted.edge_points import ridge
+from acp_lab.geometry.homography import apply_homography, homography_from_points
+from acp_lab.geometry.pose import transform
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.frame_view import View
+from acp_lab.tracking.sources.painted import (
+    PaintedRidges,
+    PaintedSamples,
+    RidgeSource,
+    SampleSource,
+    view_to_canonical,
+)
+from tests.made_parts import looking_at
+from tests.tracking.rendered import CAMERA
+from tests.tracking.views import LeftHalf, PaintedLines, prior_of, view_at
+
+
+@pytest.fixture
+def view(part: Part) -> View:
+    return view_at(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3))
+
+
+@pytest.fixture
+def ridges() -> RidgeSource:
+    return RidgeSource(PaintedLines(), "regressed", ridge, 0.3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("by_differences", [False, True])
+def test_painted_edges_come_to_the_image_and_flow_with_the_control_points(
+    view: View, ridges: RidgeSource, by_differences: bool
+) -> None:
+    start = prior_of(view)
+    edges = ridges.generate(start, 400)
+    flow = ridges.flow(start, edges, by_differences)
+    assert flow.shape == (len(edges), 2, 8)
+    # The whole quad shifted: each painted line goes along, as far as it is free to.
+    shift = np.array([0.6, -0.4])
+    moved = ridges.generate(view.at_points(start.control_points + shift), 400)
+    across = (edges.normals * (flow @ np.tile(shift, 4))).sum(1)
+    pairs = np.linalg.norm(edges.points[:, None] - moved.points[None], axis=2)
+    row = pairs.argmin(1)
+    # Along each normal to the line through the nearest moved point.
+    gap, along = moved.points[row] - edges.points, moved.tangents[row]
+    seen = (gap[:, 0] * along[:, 1] - gap[:, 1] * along[:, 0]) / (
+        edges.normals[:, 0] * along[:, 1] - edges.normals[:, 1] * along[:, 0]
+    )
+    # Where the lines cross they have no motion of their own; elsewhere both agree.
+    known = np.isfinite(across)
+    assert known.mean() > 0.8
+    # A ridge's sub-pixel place is off by up to a tenth of a pixel, and so is where it seems to go.
+    assert np.median(np.abs(across - seen)[known]) < 0.15
+    assert (np.abs(across - seen)[known] < 0.3).mean() > 0.9
+    assert np.abs(seen[known]).mean() > 0.4
+    assert np.abs(seen).max() > 0.3
+
+
+def test_painted_points_lie_on_the_ridges(view: View, ridges: RidgeSource) -> None:
+    start = prior_of(view)
+    canonical = view.canonical.project(view.points_obj)
+    found = ridge(PaintedLines().edge_image(canonical, 0).astype(np.float32), 0.3)
+    edges = ridges.generate(start, 100_000)
+    assert len(edges) == len(found)
+    back = homography_from_points(start.control_points, canonical)
+    np.testing.assert_allclose(apply_homography(back, edges.points), found.points, atol=1e-3)
+    np.testing.assert_allclose(view_to_canonical(view, edges.points), found.points, atol=1e-3)
+    assert (edges.sample_ids == -1).all()
+    assert len(ridges.generate(start, 50)) == 50
+
+
+def test_reprojected_ridges_are_painted_anew(view: View, ridges: RidgeSource) -> None:
+    before = ridges.generate(prior_of(view), 400)
+    moved = view.at_points(prior_of(view).control_points + np.array([0.6, -0.4]))
+    after = ridges.reproject(moved, before)
+    np.testing.assert_array_equal(after.points, ridges.generate(moved, len(before)).points)
+
+
+def test_a_painted_image_chooses_among_the_samples_of_the_model(view: View, model: PreparedPart) -> None:
+    source = SampleSource(LeftHalf(), "regressed", model.edges, 0.0, 0.05)  # type: ignore[arg-type]
+    start = prior_of(view)
+    edges = source.generate(start, 300)
+    assert 50 < len(edges) <= 300
+    assert view_to_canonical(view, edges.points)[:, 0].max() < 64.0
+    # Where they are is the model's affair alone.
+    points_obj = model.edges.points_obj[edges.sample_ids]
+    np.testing.assert_allclose(edges.points, CAMERA.project(transform(view.prior, points_obj)), atol=1e-3)
+    by_chain, by_differences = (source.flow(start, edges, way) for way in (False, True))
+    np.testing.assert_allclose(by_chain, by_differences, atol=0.02)
+
+
+def test_the_regressed_or_the_mid_section_points_paint(view: View, model: PreparedPart) -> None:
+    """W in use decides which of the generator's two regressors is asked, and with which region."""
+    asked: list[tuple[int, str]] = []
+
+    class Asked(PaintedLines):
+        def edge_image(self, points, region, point_set="regressed"):  # type: ignore[no-untyped-def]
+            asked.append((region, point_set))
+            return super().edge_image(points, region, point_set)
+
+    for point_set in ("regressed", "mid-section"):
+        RidgeSource(Asked(), point_set, ridge, 0.3).generate(prior_of(view), 50)  # type: ignore[arg-type]
+        SampleSource(Asked(), point_set, model.edges, 0.0, 0.05).generate(prior_of(view), 50)  # type: ignore[arg-type]
+    assert asked == [(view.region, "regressed")] * 2 + [(view.region, "mid-section")] * 2
+
+
+@pytest.mark.parametrize("config", [PaintedRidges(), PaintedSamples()], ids=lambda config: config.kind)
+def test_a_missing_auto_encoder_names_the_command(
+    model: PreparedPart, config: PaintedRidges | PaintedSamples
+) -> None:
+    with pytest.raises(PreparationError, match="--generator autoencoder"):
+        config.open(model, "regressed")
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, -0.2, float("nan")])
+@pytest.mark.parametrize("kind", [PaintedRidges, PaintedSamples])
+def test_a_brightness_that_no_pixel_or_every_pixel_has_is_refused(kind: type, level: float) -> None:
+    with pytest.raises(TrackingError, match=r"source\.level"):
+        kind(level=level)
