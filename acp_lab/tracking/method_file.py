@@ -15,7 +15,7 @@ table with `kind`; another kind than that of the base starts from its own defaul
 from __future__ import annotations
 
 import tomllib
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -125,7 +125,16 @@ def _table(value: Any, classes: list[Any], current: Any, where: str) -> Any:
     if kinds and (not isinstance(wanted, str) or wanted not in kinds):
         raise InputFileError(f"{where}.kind = {wanted!r}: give one of {', '.join(kinds)}")
     chosen = kinds[wanted] if kinds else classes[0]
-    return _changed(current if type(current) is chosen else chosen(), value, f"{where}.")
+    return _changed(current if type(current) is chosen else _new(chosen, value, where), value, f"{where}.")
+
+
+def _new(chosen: Any, value: dict[str, Any], where: str) -> Any:
+    """A part with its defaults; what has none must be in the file, and is taken from there next."""
+    needed = [field.name for field in fields(chosen) if field.default is field.default_factory is MISSING]
+    for name in needed:
+        if name not in value:
+            raise InputFileError(f"{where}.{name}: is missing: give it")
+    return chosen(**dict.fromkeys(needed))
 
 
 def _alternatives(hint: Any) -> tuple[Any, ...]:
