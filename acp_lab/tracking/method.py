@@ -80,6 +80,8 @@ class Method:
 
     def __post_init__(self) -> None:
         searches = any(target.searches for target in self.targets)
+        judges_matches = any(target.searches for target in self.targets[:1])
+        binds_levels = any(isinstance(target, NormalSearch) and target.bind == "level" for target in self.targets)
         varies_points = isinstance(self.variables, ControlPointVariables)
         checks = (
             (bool(self.targets), "targets: is empty: give one or more"),
@@ -94,9 +96,14 @@ class Method:
                 'priors.kind = "rigidity": a pose is rigid anyway: leave it out, or vary "control-points"',
             ),
             (
-                isinstance(self.learning, Off) or (searches and self.source.knows_samples),
-                'learning: needs a target that searches along "normals" and a source of CAD samples '
+                isinstance(self.learning, Off) or (judges_matches and self.source.knows_samples),
+                'learning: needs a first target that searches along "normals" and a source of CAD samples '
                 '("cad-samples" or "painted-samples")',
+            ),
+            (
+                not (self._regenerates and binds_levels),
+                'targets.bind = "level": follows the edges of a level, but variables.direction generates others at '
+                'every step: give bind = "step", or direction = "homography"',
             ),
             (
                 not (self._learns_offsets and self.source.inset_outlines),
@@ -106,6 +113,10 @@ class Method:
         for good, problem in checks:
             if not good:
                 raise TrackingError(f"method {self.name}: {problem}")
+
+    @property
+    def _regenerates(self) -> bool:
+        return isinstance(self.variables, ControlPointVariables) and self.variables.direction != "homography"
 
     @property
     def _learns_offsets(self) -> bool:
