@@ -171,6 +171,21 @@ def test_what_the_lift_moved_an_edge_point_by_stays_with_it(
     np.testing.assert_allclose(motion.edges(there).points, bare + np.array([0.6, -0.4]), atol=1e-9)
 
 
+@pytest.mark.parametrize("inset_mm", [0.0, 0.3])
+def test_edges_of_a_level_move_on_from_where_the_source_drew_them(
+    start: Estimate, model: PreparedPart, lifter: EdgeLifter, inset_mm: float
+) -> None:
+    """Outlines that are drawn inside the CAD's stay inside; without insets nothing is added to the projection."""
+    source = RigidSource(model.best_generator(), inset_mm)
+    edges = source.generate(start, 200)
+    motion = PoseVariables().motion(source, edges, start, lifter, 200)
+    near = motion.moved(start, 0.02 * ASIDE)
+    np.testing.assert_allclose(motion.edges(start).points, edges.points, atol=1e-9)
+    np.testing.assert_allclose(motion.edges(near).points, source.reproject(near, edges).points, atol=0.02)
+    bare = CAMERA.project(transform(near.cam_T_obj, model.edges.points_obj[edges.sample_ids]))
+    assert (np.abs(motion.edges(near).points - bare).max() > 0.2) == (inset_mm > 0.0)
+
+
 def test_edges_without_a_3d_point_are_left_out(start: Estimate, edges: GeneratedEdges, lifter: EdgeLifter) -> None:
     points_obj = lifter.lift(edges, start).copy()
     points_obj[::3] = np.nan

@@ -22,38 +22,42 @@ def view(part: Part) -> View:
 
 def test_damping_costs_the_mean_squared_motion_of_the_control_points(view: View, rng: np.random.Generator) -> None:
     start = prior_of(view)
+    prior = ControlPointDamping(0.5).bind(PoseVariables(), start)
     for step in rng.normal(size=(5, 6)) * ([1e-4] * 3 + [0.01] * 3):
-        prior = ControlPointDamping(0.5).bind(PoseVariables(), start)
         moved = view.at_pose(move_pose(view.prior, view.part.box_centre, step))
         motion = moved.control_points - start.control_points
-        cost = prior.weight * float(((prior.residual(start) - prior.jacobian @ step) ** 2).sum())
-        assert cost == pytest.approx(0.5 * (motion**2).sum(1).mean(), rel=1e-2)
+        assert step @ prior.hessian @ step == pytest.approx(0.5 * (motion**2).sum(1).mean(), rel=1e-2)
         # Wherever the estimate is: what was done is done, only moving on costs.
-        np.testing.assert_array_equal(prior.residual(moved), np.zeros(8))
+        np.testing.assert_array_equal(prior.gradient(moved), np.zeros(6))
+        assert prior.loss(moved) == 0.0
 
 
 def test_damping_of_free_control_points_is_in_the_same_units(view: View) -> None:
-    start = prior_of(view)
-    prior = ControlPointDamping(0.5).bind(ControlPointVariables(), start)
+    prior = ControlPointDamping(0.5).bind(ControlPointVariables(), prior_of(view))
     step = np.tile([3.0, -4.0], 4)
-    assert prior.weight * float(((prior.jacobian @ step) ** 2).sum()) == pytest.approx(0.5 * 25.0)
+    assert step @ prior.hessian @ step == pytest.approx(0.5 * 25.0)
+    np.testing.assert_array_equal(prior.gradient(prior_of(view)), np.zeros(8))
 
 
 def test_the_rigidity_prior_sees_what_no_rigid_motion_makes(view: View, rng: np.random.Generator) -> None:
     start = prior_of(view)
-    prior = RigidityPrior(1.0).bind(ControlPointVariables(), start)
-    assert prior.jacobian.shape == (2, 8)
-    np.testing.assert_allclose(prior.jacobian @ prior.jacobian.T, np.eye(2), atol=1e-9)
-    np.testing.assert_allclose(prior.residual(start), 0.0, atol=1e-3)
+    prior = RigidityPrior(3.0).bind(ControlPointVariables(), start)
+    # Two directions of eight, each with the weight.
+    np.testing.assert_allclose(np.linalg.eigvalsh(prior.hessian), [0.0] * 6 + [3.0] * 2, atol=1e-9)
+    assert prior.loss(start) == pytest.approx(0.0, abs=1e-6)
     for step in rng.normal(size=(10, 6)) * ([0.002] * 3 + [0.1] * 3):
         moved = view.at_pose(move_pose(view.prior, view.part.box_centre, step))
         moved_px = np.abs(moved.control_points - start.control_points).max()
-        assert np.abs(prior.residual(moved)).max() < 0.02 * moved_px
-    bent = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
-    residual = prior.residual(view.at_points(start.control_points + bent))
-    assert np.linalg.norm(residual) > 0.5
-    # The residual is what is still to go: a step that goes there costs nothing.
-    np.testing.assert_allclose(prior.jacobian @ -bent.ravel(), residual, atol=1e-3)
+        assert np.sqrt(2.0 * prior.loss(moved) / 3.0) < 0.02 * moved_px
+    bend = np.array([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [-1.0, 0.0]])
+    bent = view.at_points(start.control_points + bend)
+    assert prior.loss(bent) > 0.5 * 3.0 * 0.5**2
+    # Going back is what is asked for: there the gradient ends, and on the way it is that of the loss.
+    np.testing.assert_allclose(prior.gradient(bent), prior.hessian @ -bend.ravel(), atol=1e-3)
+    for k in range(8):
+        nudge = 1e-4 * np.eye(8)[k].reshape(4, 2)
+        ahead, behind = (prior.loss(view.at_points(bent.control_points + side * nudge)) for side in (1.0, -1.0))
+        assert (ahead - behind) / 2e-4 == pytest.approx(-prior.gradient(bent)[k], abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", [ControlPointDamping, RigidityPrior])
