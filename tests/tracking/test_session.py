@@ -26,8 +26,13 @@ class PlayTracker:
     """Says that the part is where it started, and writes down what it was asked; may trip over a frame."""
 
     part: Part = PART
+    control_points_obj: tuple[FloatArray, ...] = (np.ones((4, 3)),) * 6
 
-    def __init__(self, log: list[str], name: str = "tracker", trip_at: int | None = None) -> None:
+    def __init__(
+        self, log: list[str], name: str = "tracker", trip_at: int | None = None, method: str = "played"
+    ) -> None:
+        self.name = method
+        self.records_steps = self.records_target = False
         self._log, self._name, self._trip_at = log, name, trip_at
         self._pose = np.eye(4)
 
@@ -45,6 +50,7 @@ class PlayTracker:
         return TrackResult(
             frame_id=frame.index,
             cam_T_obj=self._pose,
+            predicted=self._pose,
             control_points=np.zeros((4, 2)),
             loss=0.5,
             quality=0.25 * (1 + frame.index),
@@ -104,6 +110,7 @@ def test_everybody_is_told_in_order() -> None:
     ]
     session = listener.session
     assert session is not None
+    assert all(tracked.control_points_obj is PlayTracker.control_points_obj for tracked in session.objects)
     assert (session.name, session.scene_id, session.method) == ("made", 7, "acp-paper")
     assert [(tracked.object_id, tracked.part.name) for tracked in session.objects] == [(5, "box"), (2, "box")]
     assert session.truth is not None
@@ -190,8 +197,18 @@ def test_rows_run_frame_by_frame(run: TrackRun) -> None:
 
 def test_a_run_tells_itself_in_a_line_per_object(run: TrackRun) -> None:
     lines = str(run).splitlines()
-    assert lines[0] == "made, object 5, acp: 3 frames, median quality 0.75, 40.0 ms per frame, last state tracking"
-    assert lines[1].startswith("made, object 2, acp: 3 frames")
+    assert lines[0] == "made, object 5, played: 3 frames, median quality 0.75, 40.0 ms per frame, last state tracking"
+    assert lines[1].startswith("made, object 2, played: 3 frames")
+
+
+def test_a_run_is_called_after_the_method_of_its_trackers_unless_told() -> None:
+    made = sequence(1)
+    tracker = PlayTracker([], method="direct-6dof")
+    listener = Listener([])
+    run = track_sequence({1: tracker}, made, made.first_poses, [listener])
+    assert listener.session is not None
+    assert run.method == listener.session.method == "direct-6dof"
+    assert track_sequence({1: tracker}, made, made.first_poses, method="mine").method == "mine"
 
 
 def test_a_run_of_one_frame_has_no_time_per_frame() -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
-from acp_lab.errors import TrackingError
+from acp_lab.errors import PreparationError, TrackingError
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
@@ -20,12 +22,21 @@ from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.pose import check_rotation, make_pose, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart, Trained
+from acp_lab.prepared_part.trained import RegionReport
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.method import ACP, DIRECT_6DOF, METHODS, Method
+from acp_lab.tracking.motions import ControlPointVariables
+from acp_lab.tracking.priors import RigidityPrior
 from acp_lab.tracking.result import TrackResult, TrackState
-from acp_lab.tracking.session import track_sequence
-from acp_lab.tracking.tracker import Tracker, TrackerConfig
+from acp_lab.tracking.session import PartTracker, track_sequence
+from acp_lab.tracking.sources.rigid import CadSamples
+from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
+from tests.tracking.lit_part import lit_part
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent, draw, poses, prepared
+
+BY_MAP = replace(DIRECT_6DOF, name="by-map", source=CadSamples(), control_points="mid-section")
 
 
 def errors_percent(part: Part, results: tuple[TrackResult, ...], truth: list[FloatArray]) -> list[float]:
@@ -38,6 +49,15 @@ def truth_of(sequence: MadeSequence) -> list[FloatArray]:
 
 def images_of(sequence: MadeSequence) -> list[ByteImage]:
     return [frame.image for frame in sequence.frames()]  # type: ignore[union-attr]
+
+
+def learned(model: PreparedPart, regions: Iterable[int], with_templates: bool = True) -> PreparedPart:
+    """The part with visibility networks for some regions that call everything visible."""
+    n = len(model.edges)
+    zeros = [np.zeros(shape, np.float32) for shape in ((4, 8), (4,), (4, 4), (4,), (n, 4))]
+    everything = RegionNetwork(*zeros, np.ones(n, np.float32), np.arange(n, dtype=np.int32))
+    networks = Trained[RegionNetwork, RegionReport](dict.fromkeys(regions, everything))
+    return replace(model, networks=networks, templates=model.templates if with_templates else None)
 
 
 def assert_sound(result: TrackResult) -> None:
@@ -70,7 +90,7 @@ def test_a_short_sequence_stays_below_two_per_cent(part: Part, model: PreparedPa
         assert_sound(result)
 
 
-def test_a_disturbed_start_is_mended_on_the_way(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+def test_a_disturbed_start_is_corrected_on_the_way(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
     start = move_pose(sequence.first_pose, part.box_centre, np.array([0.03, 0.02, -0.03, 2.0, -1.0, 4.0]))
     results = Tracker(model).run(sequence, start).results[1]
     assert max(errors_percent(part, results, truth_of(sequence))) < 2.0
@@ -127,6 +147,29 @@ def test_the_region_follows_the_view(part: Part, model: PreparedPart) -> None:
     assert regions[-1] == exact[-1] != exact[0]
     assert sum(a != b for a, b in zip(regions, exact, strict=True)) <= 2  # hysteresis
     assert max(errors_percent(part, tuple(results), truth)) < 2.0
+
+
+def hovering(part: Part, share: float, count: int) -> list[FloatArray]:
+    """Poses at the border between regions 4 (+z) and 0 (+x), a share on either side in turn, beginning in 4."""
+    half = 0.5 * part.box_size
+    leaning = [(1.0, 1.0 + share) if k % 2 == 0 else (1.0 + share, 1.0) for k in range(count)]
+    return [looking_at(part, np.array([x, 0.3, z]) * half, 330.0, 0.2) for x, z in leaning]
+
+
+@pytest.mark.parametrize("method", [ACP, BY_MAP], ids=lambda method: method.name)
+def test_a_part_that_hovers_at_a_border_keeps_its_region(part: Part, model: PreparedPart, method: Method) -> None:
+    """By less than 15% another region leads: swapping W in every frame would gain nothing."""
+    truth = hovering(part, 0.04, 6)
+    tracker = Tracker(model, method)
+    natural, regions = [], []
+    for index, pose in enumerate(truth):
+        frame = Frame(index, draw([(part, pose)], index), CAMERA)
+        result = tracker.track(frame) if index else tracker.start(frame, pose)
+        regions.append(result.region)
+        natural.append(tracker.solver.natural_region(pose))
+        assert add_percent(part, result.cam_T_obj, pose) < 5.0
+    assert natural == [4, 0, 4, 0, 4, 0], "the test's own point is gone"
+    assert regions == [4] * 6
 
 
 def test_several_parts_side_by_side(part: Part, model: PreparedPart) -> None:
@@ -253,11 +296,7 @@ def test_a_start_that_shows_nothing_is_refused(model: PreparedPart, sequence: Ma
 def test_a_long_part_may_come_nearer_than_its_own_length() -> None:
     """Inside its bounding sphere there is no canonical frame; the learned generator hands over."""
     part = box((200.0, 20.0, 20.0))
-    edges = sample_edges(part)
-    n = len(edges)
-    zeros = [np.zeros(shape, np.float32) for shape in ((4, 8), (4,), (4, 4), (4,), (n, 4))]
-    everything = RegionNetwork(*zeros, np.ones(n, np.float32), np.arange(n, dtype=np.int32))
-    model = replace(prepared(part), networks=Trained(dict.fromkeys(range(6), everything)))
+    model = learned(prepared(part), range(6))
     camera = Camera(360, 120, 160.0, 160.0, 179.5, 59.5)
     start = looking_at(part, np.array([0.0, 0.3, 1.0]), 107.0)
     truth = poses(part, start, 6, np.array([0.01, 0.0, 0.005, 0.0, 0.0, -3.0]))
@@ -288,6 +327,170 @@ def test_undistortion_counts_as_tracking_time(model: PreparedPart, sequence: Mad
     assert result.timings.total_s > 5.0
 
 
-def test_the_default_settings_are_complete(model: PreparedPart) -> None:
-    assert Tracker(model).config == TrackerConfig()
-    assert Tracker(model, TrackerConfig(largest_turn_deg=10.0)).config.largest_turn_deg == 10.0
+def test_time_runs_from_the_undistorted_image_to_the_pose(
+    model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The total is no sum of what the solver booked: looking at the image counts, and undistortion before it."""
+    look = FrameSolver.look
+
+    def slowly(*args: Any, **kwargs: Any) -> Any:
+        time.sleep(0.03)
+        return look(*args, **kwargs)
+
+    monkeypatch.setattr(FrameSolver, "look", slowly)
+    for method in (ACP, BY_MAP):
+        tracker = Tracker(model, method)
+        frames = list(sequence.frames(2))
+        started = tracker.start(replace(frames[0], undistort_s=0.5), sequence.first_pose)
+        result = tracker.track(replace(frames[1], undistort_s=0.5))
+        for stages in (started.timings, result.timings):
+            assert stages.image_s >= 0.03
+            solving_s = stages.generate_s + stages.search_s + stages.solve_s + stages.learn_s
+            assert stages.total_s >= stages.undistort_s + stages.image_s + solving_s - 1e-3
+            assert stages.total_s >= 0.53
+
+
+# ---- what a tracker is ---------------------------------------------------------------------------------------
+
+
+def test_the_best_method_unless_told_otherwise(model: PreparedPart) -> None:
+    assert Tracker(model).method is ACP
+    assert Tracker(model, "acp").method is METHODS["acp"]
+    assert Tracker(model, replace(ACP, name="mine")).name == "mine"
+    with pytest.raises(TrackingError, match="no such method: there are acp, acp-paper"):
+        Tracker(model, "acp-papr")
+
+
+def test_a_tracker_has_what_a_session_asks_for(model: PreparedPart) -> None:
+    for method in (ACP, BY_MAP):
+        tracker: PartTracker = Tracker(model, method)
+        assert tracker.name == method.name
+        assert tracker.part is model.part
+        assert not tracker.records_steps
+        assert not tracker.records_target
+        assert [w.shape for w in tracker.control_points_obj] == [(4, 3)] * 6
+
+
+def test_tracking_needs_a_start(model: PreparedPart, sequence: MadeSequence) -> None:
+    for method in (ACP, BY_MAP):
+        with pytest.raises(TrackingError, match="track was called before start; give the first frame to start"):
+            Tracker(model, method).track(next(sequence.frames()))
+
+
+def test_looking_changes_nothing(model: PreparedPart, sequence: MadeSequence) -> None:
+    frames = [frame for frame in sequence.frames(4) if isinstance(frame, Frame)]
+    plain, looking = Tracker(model), Tracker(model)
+    for tracker in (plain, looking):
+        tracker.start(frames[0], sequence.first_pose)
+    for frame in frames[1:]:
+        seen = looking.look(frame, looking.predicted)
+        assert seen is not None
+        np.testing.assert_array_equal(seen.view.prior, looking.predicted)
+        np.testing.assert_array_equal(looking.track(frame).cam_T_obj, plain.track(frame).cam_T_obj)
+    behind = sequence.first_pose.copy()
+    behind[2, 3] -= 2000.0
+    assert looking.look(frames[0], behind) is None
+
+
+# ---- view regions that were not prepared ---------------------------------------------------------------------
+
+TURNS = [np.array([x, 0.3, z]) for x, z in ((0.3, 1.0), (0.7, 1.0), (0.98, 1.0), (1.1, 1.0), (1.25, 1.0), (1.5, 1.0), (1.25, 1.0), (0.9, 1.0), (1.4, 1.0))]
+
+
+def turning(part: Part) -> list[FloatArray]:
+    """From region 4 (+z) over the border into region 0 (+x), and twice back and forth."""
+    return [looking_at(part, 0.5 * way * part.box_size, 330.0, 0.2) for way in TURNS]
+
+
+def tracked(tracker: Tracker, part: Part, truth: list[FloatArray]) -> list[TrackResult]:
+    """Each from its own truth: what is asked here is which regions are used."""
+    results = []
+    for index, pose in enumerate(truth):
+        frame = Frame(index, draw([(part, pose)], index), CAMERA)
+        results.append(tracker.track(frame) if index else tracker.start(frame, pose))
+    return results
+
+
+@pytest.mark.parametrize("method", [ACP, BY_MAP], ids=lambda method: method.name)
+def test_a_start_from_a_region_that_was_not_prepared_is_refused(
+    part: Part, model: PreparedPart, method: Method
+) -> None:
+    pose = looking_at(part, np.array([0.1, 0.1, 1.0]), 330.0)  # from region 4
+    frame = Frame(0, draw([(part, pose)]), CAMERA)
+    with pytest.raises(PreparationError) as caught:
+        Tracker(learned(model, [5, 0], with_templates=False), method).start(frame, pose)
+    message = str(caught.value)
+    assert message.startswith("bracket: the part is seen from view region 4, generator learned is prepared for 0, 5 only")
+    assert "; run: acp-lab prepare MESH --out PARTS_DIR --regions 4" in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("method", [ACP, BY_MAP], ids=lambda method: method.name)
+def test_a_start_just_beyond_the_border_is_within_what_hysteresis_keeps(
+    part: Part, model: PreparedPart, method: Method
+) -> None:
+    only = learned(model, [4], with_templates=False)
+    half = 0.5 * part.box_size
+    inside, outside = (looking_at(part, np.array([x, 0.3, 1.0]) * half, 330.0) for x in (1.1, 1.25))
+    tracker = Tracker(only, method)
+    assert tracker.solver.natural_region(inside) == tracker.solver.natural_region(outside) == 0
+    result = tracker.start(Frame(0, draw([(part, inside)]), CAMERA), inside)
+    assert (result.region, result.note) == (4, "")
+    with pytest.raises(PreparationError, match="view region 0"):
+        tracker.start(Frame(0, draw([(part, outside)]), CAMERA), outside)
+
+
+@pytest.mark.parametrize("method", [ACP, BY_MAP], ids=lambda method: method.name)
+def test_a_part_that_turns_to_where_nothing_was_prepared_says_so_once(
+    part: Part, model: PreparedPart, method: Method
+) -> None:
+    tracker = Tracker(learned(model, [4], with_templates=False), method)
+    truth = turning(part)
+    for _ in range(2):  # a new start says it anew
+        results = tracked(tracker, part, truth)
+        assert [result.region for result in results] == [4] * len(truth)
+        said = [index for index, result in enumerate(results) if "not prepared" in result.note]
+        assert len(said) == 1
+        assert results[said[0]].note == (
+            "view region 0 is not prepared: that of region 4 is used; accuracy will fall"
+        )
+        natural = tracker.solver.natural_region(results[said[0]].predicted)
+        assert natural == 0
+        assert 2 <= said[0] <= 5
+
+
+@pytest.mark.parametrize("method", [ACP, BY_MAP], ids=lambda method: method.name)
+def test_templates_stand_in_where_nothing_was_learned(part: Part, model: PreparedPart, method: Method) -> None:
+    tracker = Tracker(learned(model, [4]), method)
+    assert tracker.generator_name == "learned"
+    results = tracked(tracker, part, turning(part))
+    assert {result.region for result in results} == {4, 0}
+    assert not any("prepared" in result.note for result in results)
+    from_below = looking_at(part, np.array([0.1, 0.2, -1.0]), 330.0)  # region 5 at once
+    assert tracker.start(Frame(0, draw([(part, from_below)]), CAMERA), from_below).region == 5
+
+
+def test_only_regions_that_were_painted_are_used(part: Part, model: PreparedPart) -> None:
+    """The auto-encoder knows no other: asked for one, it would raise."""
+    lit = lit_part(model, (4,))
+    tracker = Tracker(lit, replace(DIRECT_6DOF, recovery=ACP.recovery))
+    results = tracked(tracker, part, turning(part))
+    assert {result.region for result in results} == {4}
+    assert {region for region, _ in lit.lit.asked} == {4}
+
+
+def test_another_region_begins_with_the_projection_of_the_pose(part: Part, model: PreparedPart) -> None:
+    """What was carried on is an I of another W."""
+    method = replace(
+        BY_MAP, variables=ControlPointVariables("autograd", carry="points"), priors=(RigidityPrior(0.1),)
+    )
+    truth = turning(part)[:7]
+    tracker = Tracker(model, method)
+    results = tracked(tracker, part, truth)
+    regions = [result.region for result in results]
+    assert (regions[0], regions[-1]) == (4, 0)
+    for result, pose in zip(results, truth, strict=True):
+        w = tracker.control_points_obj[result.region]
+        back = solve_planar_pnp(w, result.control_points, CAMERA).poses
+        assert min(np.abs(found - result.cam_T_obj).max() for found in back) < 1e-3
+        assert add_percent(part, result.cam_T_obj, pose) < 5.0
