@@ -1,4 +1,4 @@
-"""Constant velocity: exact on the motion it assumes."""
+"""Constant velocity: exact on the motion it assumes. Last pose: exact on none."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import centre_position, move_pose
-from acp_lab.tracking.prediction import ConstantVelocity
+from acp_lab.tracking.prediction import ConstantVelocity, ConstantVelocityPrediction, LastPosePrediction
 from tests.geometry.geometry_strategies import directions
 from tests.made_parts import box, looking_at
 
@@ -72,3 +72,32 @@ def test_a_long_prediction_stays_a_pose() -> None:
 def test_before_any_pose_there_is_nothing_to_predict() -> None:
     with pytest.raises(ValueError, match="no pose observed yet"):
         ConstantVelocity(PART.box_centre).predict()
+
+
+def test_the_motion_of_a_pose_that_fits_nothing_is_not_taken_on() -> None:
+    moved = move_pose(START, PART.box_centre, np.array([0.1, 0, 0, 1.0, 0, 0]))
+    for quality, rests in ((0.19, True), (0.2, True), (0.21, False)):
+        motion = ConstantVelocityPrediction(rest_below=0.2).predictor(PART.box_centre)
+        motion.restart(START)
+        motion.observe(moved, quality)
+        assert motion.moves is not rests
+        assert (np.abs(motion.predict() - moved).max() < 1e-12) == rests
+        np.testing.assert_array_equal(motion.last, moved)
+    for quality in (0.0, 1.0):  # the paper's loop asks no such question
+        motion = ConstantVelocityPrediction(rest_below=-1.0).predictor(PART.box_centre)
+        motion.restart(START)
+        motion.observe(moved, quality)
+        assert motion.moves
+
+
+def test_the_last_pose_is_all_that_counts() -> None:
+    motion = LastPosePrediction().predictor(PART.box_centre)
+    motion.restart(START)
+    for step in range(3):
+        pose = move_pose(START, PART.box_centre, np.array([0.1 * step, 0, 0, 1.0, 0, 0]))
+        motion.observe(pose, 1.0)
+        np.testing.assert_array_equal(motion.predict(), pose)
+        np.testing.assert_array_equal(motion.last, pose)
+        assert not motion.moves
+    motion.predict()[:] = 0.0
+    np.testing.assert_array_equal(motion.last, pose)

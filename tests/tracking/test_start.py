@@ -1,4 +1,4 @@
-"""The first frame: exact starts are trusted and teach the offsets, others are not and are mended."""
+"""The first frame: exact starts are trusted and teach the offsets, others are not and are corrected."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
+from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.geometry.pose_step import centre_position
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking import start as start_module
-from acp_lab.tracking.learning.contour_offsets import OUTLINE_SHARE_OF_BREAK
-from acp_lab.tracking.start import StartConfig
+from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.method import ACP
+from acp_lab.tracking.start import TrustedStart, is_trusted
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
@@ -48,7 +50,7 @@ def test_an_exact_start_is_trusted_and_kept(
 
 
 @pytest.mark.parametrize(("angle_deg", "shift_mm"), [(2.0, 2.0), (6.0, 6.0)])
-def test_a_disturbed_start_is_not_trusted_and_mended(
+def test_a_disturbed_start_is_not_trusted_and_corrected(
     part: Part, model: PreparedPart, truth: FloatArray, angle_deg: float, shift_mm: float
 ) -> None:
     frame = first_frame(part, truth)
@@ -71,7 +73,9 @@ def test_offsets_of_a_trusted_start_keep_the_part_at_its_depth(part: Part, model
         result = tracker.track(Frame(index, images[index], CAMERA))
         assert add_percent(part, result.cam_T_obj, truth[index]) < 1.0
     ids = np.arange(len(model.edges))
-    learnt = tracker.offsets.expect(ids, np.ones(len(ids), bool), model.edges.normals_obj.sum(1)).offsets_mm
+    offsets = tracker.solver.knowledge.offsets
+    assert offsets is not None
+    learnt = offsets.expect(ids, np.ones(len(ids), bool), model.edges.normals_obj.sum(1)).offsets_mm
     # Both faces of an edge lie further in, which moves it by up to 1.4 times as much.
     assert -1.5 * INSET_MM < np.median(learnt) < -0.8 * INSET_MM
 
@@ -100,16 +104,30 @@ def test_equal_agreement_lets_the_solved_pose_lie_further_away(
     trusted: bool,
 ) -> None:
     pose = looking_at(part, np.array(WAYS["above"]), 330.0, 0.3)
-    tracker, frame = Tracker(model), first_frame(part, pose)
-    tracker.start(frame, pose)
-    centre = centre_position(pose, part.box_centre)
+    solver, frame = FrameSolver(model, ACP), first_frame(part, pose)
     away = pose.copy()
-    away[:3, 3] += farther * centre  # along the line of sight: the part appears smaller by that share
-    patch = tracker.aligner.patch(frame.image, CAMERA, pose, 30.0)
-    assert patch is not None
-    solved = tracker.aligner.align(patch, CAMERA, pose, 4, Stopwatch())
+    # Along the line of sight: the part appears smaller by that share.
+    away[:3, 3] += farther * centre_position(pose, part.box_centre)
+    seen = solver.look(frame.image, CAMERA, pose, 4)
+    assert seen is not None
+    solved = solver.solve(seen, seen.view.at_pose(pose), Stopwatch())
     assert solved is not None
     agreements = iter((0.6 * ratio, 0.6))
-    monkeypatch.setattr(start_module, "agreement", lambda *_: next(agreements))
-    moved = replace(solved, cam_T_obj=away)
-    assert start_module.is_trusted(tracker.aligner, patch, CAMERA, pose, moved, 4, StartConfig()) is trusted
+    monkeypatch.setattr(solver, "agreement", lambda *_: next(agreements))
+    moved = replace(solved, estimate=seen.view.at_pose(away))
+    assert is_trusted(solver, seen, moved, TrustedStart()) is trusted
+
+
+def test_a_method_without_a_first_look_solves_from_the_given_pose(
+    part: Part, model: PreparedPart, truth: FloatArray
+) -> None:
+    """It neither keeps the pose as it is nor searches around it."""
+    frame = first_frame(part, truth)
+    start = disturb_pose(truth, part.box_centre, 2.0, 2.0, np.random.default_rng(0))
+    tracker = Tracker(model, replace(ACP, start=Off()))
+    for given in (truth, start):
+        result = tracker.start(frame, given)
+        assert not tracker.start_was_trusted
+        np.testing.assert_array_equal(result.predicted, given)
+        assert result.iterations == 9  # one solution on three levels
+        assert 0.0 < add_percent(part, result.cam_T_obj, truth) < 1.5

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from acp_lab.errors import TrackingError
+from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.imaging.distance import distance_map
-from acp_lab.tracking.targets.distance_map import DistanceTarget, EdgeMapConfig, distance_target
+from acp_lab.tracking.losses import LossForm, edge_loss
+from acp_lab.tracking.schedule import Level
+from acp_lab.tracking.targets import QUALITY_SIGMA_PX
+from acp_lab.tracking.targets.distance_map import (
+    DistanceMapTarget,
+    DistanceTarget,
+    EdgeMapConfig,
+    distance_target,
+)
 
 WHOLE = (0, 0, 90, 70)
 
@@ -145,3 +157,98 @@ def test_a_black_frame_is_far_from_everything() -> None:
     found = target.distances(np.array([[10.0, 10.0]]), np.array([[1.0, 0.0]]))
     assert found.values[0] > 100.0
     assert np.isfinite(found.gradients).all()
+
+
+# ---- the target of a method ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def line() -> tuple[DistanceTarget, GeneratedEdges]:
+    """An upright image edge at x = 20, and edge points 0 to 7 px right of it, each believed less than the one before."""
+    edges = np.zeros((40, 60), bool)
+    edges[:, 20] = True
+    points = np.column_stack([20.0 + np.arange(8), 16.3 + np.arange(8)])
+    tangents = np.tile([0.0, 1.0], (8, 1))
+    return DistanceTarget(edges, distance_map(edges)[None], (0, 0)), GeneratedEdges(
+        points, tangents, np.linspace(1.0, 0.3, 8), np.arange(8)
+    )
+
+
+@pytest.mark.parametrize("form", ["logistic", "saturating", "geman-mcclure", "tukey"])
+@pytest.mark.parametrize("alpha_px", [3.0, 9.0])
+def test_a_measure_weighs_distances_by_its_loss_and_the_levels_alpha(
+    line: tuple[DistanceTarget, GeneratedEdges], form: LossForm, alpha_px: float
+) -> None:
+    target, edges = line
+    measure = DistanceMapTarget(target, form).bind(edges, None, Level(5, 0.5 * alpha_px))  # type: ignore[arg-type]
+    seen = measure(edges)
+    expected = edge_loss(form, seen.residuals, alpha_px)
+    np.testing.assert_allclose(seen.residuals, np.arange(8.0), atol=1e-5)
+    np.testing.assert_allclose(seen.directions[1:], np.tile([-1.0, 0.0], (7, 1)), atol=1e-5)
+    np.testing.assert_allclose(seen.weights, expected.least_squares_weights(seen.residuals) * edges.weights)
+    mean = float(expected.values @ edges.weights / edges.weights.sum())
+    assert seen.loss == pytest.approx(mean)
+    assert measure.reported_loss(edges) == pytest.approx(mean)
+
+
+def test_a_step_by_the_measure_goes_down_its_loss(line: tuple[DistanceTarget, GeneratedEdges]) -> None:
+    """d e / d shift = - sum of weights times residuals along the shift, over the shares."""
+    target, edges = line
+    measure = DistanceMapTarget(target, "geman-mcclure").bind(edges, None, Level(5, 2.0))  # type: ignore[arg-type]
+    away = replace(edges, points=edges.points + np.array([0.4, 0.0]))
+    seen = measure(away)
+    slope = (
+        measure(replace(away, points=away.points + np.array([1e-4, 0.0]))).loss
+        - measure(replace(away, points=away.points - np.array([1e-4, 0.0]))).loss
+    ) / 2e-4
+    expected = -float((seen.weights * seen.residuals * seen.directions[:, 0]).sum() / edges.weights.sum())
+    assert slope == pytest.approx(expected, rel=1e-3)
+
+
+def test_quality_is_the_weighted_nearness_of_the_estimates_own_edges(
+    line: tuple[DistanceTarget, GeneratedEdges],
+) -> None:
+    target, edges = line
+    measure = DistanceMapTarget(target, "tukey").bind(edges, None, Level(5, 2.0))  # type: ignore[arg-type]
+    far = replace(edges, points=edges.points + 15.0)
+    judged = measure.judge(far, edges, None)  # type: ignore[arg-type]
+    near = np.exp(-0.5 * (np.arange(8.0) / QUALITY_SIGMA_PX) ** 2)
+    assert judged.quality == pytest.approx(float(near @ edges.weights / edges.weights.sum()), rel=1e-5)
+    assert judged.edges is edges
+    assert judged.matches is None
+    np.testing.assert_allclose(np.abs(judged.residuals_px), np.arange(8.0), atol=1e-5)
+    # Signed along the normal: where the point has to go.
+    goal = edges.points + judged.residuals_px[:, None] * edges.normals
+    np.testing.assert_allclose(goal[:, 0], 20.0, atol=1e-4)
+    # The loss is of the level's own edges where its motion put them.
+    assert judged.loss == pytest.approx(measure.reported_loss(far))
+    wide = DistanceMapTarget(target, "tukey").agreement(edges, None, Level(5, 2.0), 3.0)  # type: ignore[arg-type]
+    assert wide == pytest.approx(
+        float(np.exp(-0.5 * (np.arange(8.0) / 3.0) ** 2) @ edges.weights / edges.weights.sum()), rel=1e-5
+    )
+
+
+def test_the_target_view_is_the_edge_map(line: tuple[DistanceTarget, GeneratedEdges]) -> None:
+    target, edges = line
+    shifted = replace(target, origin=(7, 3))
+    view = DistanceMapTarget(shifted, "tukey").bind(edges, None, Level(5, 2.0)).judge(edges, edges, None).target_view  # type: ignore[arg-type]
+    assert (view.origin, view.size) == ((7, 3), (60, 40))
+    np.testing.assert_array_equal(np.unique(view.edge_points[:, 0]), [27])
+    assert view.edge_points[:, 1].min() == 3
+    assert view.distance_map is not None
+    np.testing.assert_array_equal(view.distance_map, shifted.maps[0])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"blur_px": -1.0}, "edge_map.blur_px = -1: give px from 0 to 20"),
+        ({"blur_px": float("nan")}, "edge_map.blur_px = nan"),
+        ({"orientation_bins": 0}, "edge_map.orientation_bins = 0: give 1 to 32"),
+        ({"orientation_bins": 33}, "edge_map.orientation_bins = 33"),
+    ],
+)
+def test_settings_that_make_no_edge_map_are_refused(settings: dict[str, float], words: str) -> None:
+    with pytest.raises(TrackingError) as caught:
+        EdgeMapConfig(**settings)  # type: ignore[arg-type]
+    assert words in str(caught.value)

@@ -1,0 +1,168 @@
+"""The three memories of one part, each of which may be off, and what they are asked during a frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.generator.base import GeneratedEdges
+from acp_lab.imaging.edge_search import Candidates
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.frame_view import Estimate
+from acp_lab.tracking.learning.contour_offsets import OffsetConfig
+from acp_lab.tracking.learning.edge_memory import MemoryConfig
+from acp_lab.tracking.learning.knowledge import Matches, Off, SampleKnowledge, SampleLearning
+from acp_lab.tracking.learning.reliability import ReliabilityConfig
+from acp_lab.tracking.sources.rigid import RigidSource
+from tests.made_parts import looking_at
+from tests.tracking.rendered import prepared
+from tests.tracking.views import prior_of, view_at
+
+ALL = SampleLearning()
+
+
+@pytest.fixture(scope="module")
+def broken(part: Part) -> PreparedPart:
+    """With broken edges, so that outlines are expected inside the CAD's."""
+    return prepared(part, edge_break_mm=0.4)
+
+
+@pytest.fixture
+def at(part: Part) -> Estimate:
+    return prior_of(view_at(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)))
+
+
+@pytest.fixture
+def edges(broken: PreparedPart, at: Estimate) -> GeneratedEdges:
+    return RigidSource(broken.best_generator(), 0.0).generate(at, 200)
+
+
+def candidates(count: int, gradient: float = 30.0) -> Candidates:
+    ones = np.ones((count, 2))
+    return Candidates(0.0 * ones, ones, gradient * ones, 80.0 * ones, 160.0 * ones)
+
+
+def matches(knowledge: SampleKnowledge, edges: GeneratedEdges, at: Estimate, residual_px: float = 0.1) -> Matches:
+    n = len(edges)
+    residuals = np.full(n, residual_px)
+    return Matches(
+        at,
+        knowledge.edges.points_obj[edges.sample_ids],
+        edges,
+        edges.normals,
+        candidates(n),
+        np.zeros(n, np.intp),
+        residuals,
+        residuals,
+        knowledge.expect(edges, edges.normals, at),
+    )
+
+
+def test_each_memory_may_be_off(broken: PreparedPart) -> None:
+    for config, kept in (
+        (ALL, (True, True, True)),
+        (replace(ALL, memory=Off()), (False, True, True)),
+        (replace(ALL, offsets=Off()), (True, False, True)),
+        (replace(ALL, reliability=Off()), (True, True, False)),
+        (Off(), (False, False, False)),
+    ):
+        knowledge = SampleKnowledge(config, broken)
+        parts = (knowledge.memory, knowledge.offsets, knowledge.reliability)
+        assert tuple(part is not None for part in parts) == kept
+    given = SampleLearning(MemoryConfig(rate=0.1), OffsetConfig(largest=0.3), ReliabilityConfig(rate=0.4))
+    knowledge = SampleKnowledge(given, broken)
+    assert knowledge.memory is not None
+    assert knowledge.offsets is not None
+    assert knowledge.reliability is not None
+    assert (knowledge.memory.config, knowledge.offsets.config) == (given.memory, given.offsets)
+    assert knowledge.reliability.config is given.reliability
+
+
+def test_outlines_of_broken_edges_are_expected_inside(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate
+) -> None:
+    expected = SampleKnowledge(ALL, broken).expect(edges, edges.normals, at)
+    assert expected is not None
+    assert (expected.offsets_mm[edges.outline] < 0.0).all()
+    assert (expected.offsets_mm[~edges.outline] == 0.0).all()
+    assert SampleKnowledge(replace(ALL, offsets=Off()), broken).expect(edges, edges.normals, at) is None
+
+
+def test_a_candidate_that_contradicts_the_past_scores_less(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate
+) -> None:
+    scores = np.full((len(edges), 2), 0.8)
+    for config, falls in ((ALL, True), (replace(ALL, memory=Off()), False)):
+        knowledge = SampleKnowledge(config, broken)
+        knowledge.learn(matches(knowledge, edges, at))
+        same = knowledge.agreement(edges.sample_ids, candidates(len(edges)), scores)
+        turned = knowledge.agreement(edges.sample_ids, candidates(len(edges), -30.0), scores)
+        np.testing.assert_allclose(same, scores)
+        assert (turned < 0.3 * scores).all() == falls
+
+
+def test_trust_counts_only_on_fine_levels(broken: PreparedPart, edges: GeneratedEdges, at: Estimate) -> None:
+    knowledge = SampleKnowledge(ALL, broken)
+    assert knowledge.offsets is not None
+    assert knowledge.reliability is not None
+    expected = knowledge.expect(edges, edges.normals, at)
+    assert expected is not None
+    assert knowledge.trust(edges, expected, 2.01) is None
+    steady = knowledge.reliability.weights(edges.sample_ids, edges.outline)
+    trust = knowledge.trust(edges, expected, 2.0)
+    assert trust is not None
+    np.testing.assert_allclose(trust, expected.weights * steady)
+    only_steady = SampleKnowledge(replace(ALL, offsets=Off()), broken).trust(edges, None, 1.0)
+    assert only_steady is not None
+    np.testing.assert_allclose(only_steady, steady)
+    only_expected = SampleKnowledge(replace(ALL, reliability=Off()), broken).trust(edges, expected, 1.0)
+    assert only_expected is expected.weights
+    assert SampleKnowledge(Off(), broken).trust(edges, None, 1.0) is None
+
+
+def test_a_frame_much_worse_than_usual_teaches_nothing(broken: PreparedPart) -> None:
+    knowledge = SampleKnowledge(replace(ALL, learn_above=0.7), broken)
+    assert knowledge.learns_from(0.36, 0.5)
+    assert not knowledge.learns_from(0.35, 0.5)
+    assert not SampleKnowledge(Off(), broken).learns_from(1.0, 0.1)
+
+
+def test_a_trusted_pose_teaches_offsets_and_a_tracked_one_does_not(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate
+) -> None:
+    knowledge = SampleKnowledge(ALL, broken)
+    before = knowledge.expect(edges, edges.normals, at)
+    assert before is not None
+    knowledge.learn(matches(knowledge, edges, at, 0.4))
+    unchanged = knowledge.expect(edges, edges.normals, at)
+    assert unchanged is not None
+    np.testing.assert_array_equal(unchanged.offsets_mm, before.offsets_mm)
+    knowledge.measure_offsets(matches(knowledge, edges, at, 0.4))
+    after = knowledge.expect(edges, edges.normals, at)
+    assert after is not None
+    assert np.abs(after.offsets_mm - before.offsets_mm).max() > 0.05
+    # Nothing to measure where offsets are not learnt.
+    off = SampleKnowledge(replace(ALL, offsets=Off()), broken)
+    off.measure_offsets(matches(off, edges, at, 0.4))
+
+
+def test_a_solved_frame_teaches_look_and_reliability(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate
+) -> None:
+    knowledge = SampleKnowledge(ALL, broken)
+    assert knowledge.memory is not None
+    assert knowledge.reliability is not None
+    before = knowledge.reliability.weights(edges.sample_ids, edges.outline)
+    knowledge.learn(matches(knowledge, edges, at, 0.05))
+    assert knowledge.memory.known[edges.sample_ids].all()
+    assert (knowledge.reliability.weights(edges.sample_ids, edges.outline) > before).all()
+    # An edge that was not found teaches nothing of its look, and that it is not steady.
+    other = SampleKnowledge(ALL, broken)
+    assert other.memory is not None
+    assert other.reliability is not None
+    other.learn(matches(other, edges, at, np.nan))
+    assert not other.memory.known.any()
+    assert (other.reliability.weights(edges.sample_ids, edges.outline) < before).all()

@@ -1,0 +1,290 @@
+"""Image edges along the normals: what is seen, once a level or at every step, and what it says of an estimate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.errors import TrackingError
+from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
+from acp_lab.imaging.edge_search import SearchConfig
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_view import Estimate, FrameView, box_corners, crop_box
+from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge, SampleLearning
+from acp_lab.tracking.schedule import Level
+from acp_lab.tracking.sources.rigid import RigidSource
+from acp_lab.tracking.targets import QUALITY_SIGMA_PX
+from acp_lab.tracking.targets.normals import NormalMeasure, NormalSearch, NormalTarget, RepeatedSearch
+from acp_lab.tracking.targets.soft_assignment import mixture_loss, robust_loss, soft_assignment
+from tests.tracking.rendered import CAMERA, MadeSequence, prepared
+from tests.tracking.views import prior_of, view_at
+
+LEVEL = Level(8, 2.0, 120)
+
+
+@pytest.fixture
+def at(part: Part, sequence: MadeSequence) -> Estimate:
+    (frame,) = sequence.frames(1)
+    assert isinstance(frame, Frame)
+    plain = view_at(part, sequence.first_pose)
+    box = crop_box(box_corners(part), plain.prior, CAMERA, 32.0)
+    assert box is not None
+    return prior_of(
+        FrameView(CAMERA, plain.prior, plain.region, plain.points_obj, part, image=frame.image, box=box)
+    )
+
+
+@pytest.fixture
+def source(model: PreparedPart) -> RigidSource:
+    return RigidSource(model.best_generator(), 0.0)
+
+
+@pytest.fixture
+def edges(source: RigidSource, at: Estimate) -> GeneratedEdges:
+    return source.generate(at, LEVEL.samples)
+
+
+def target_of(at: Estimate, config: NormalSearch, knowledge: SampleKnowledge) -> NormalTarget:
+    assert isinstance(at.view, FrameView)
+    return config.see(at.view, knowledge)
+
+
+@pytest.fixture
+def target(at: Estimate, model: PreparedPart) -> NormalTarget:
+    return target_of(at, NormalSearch(), SampleKnowledge(Off(), model))
+
+
+@pytest.fixture
+def measure(target: NormalTarget, edges: GeneratedEdges, at: Estimate) -> NormalMeasure:
+    found = target.bind(edges, at, LEVEL)
+    assert isinstance(found, NormalMeasure)
+    return found
+
+
+def aside(at: Estimate, mm: float) -> Estimate:
+    return at.view.at_pose(move_pose(at.cam_T_obj, at.view.part.box_centre, np.array([0.0, 0, 0, mm, 0.5 * mm, 0])))
+
+
+def moved(edges: GeneratedEdges, shift: FloatArray) -> GeneratedEdges:
+    return replace(edges, points=edges.points + shift)
+
+
+# ---- bound once a level --------------------------------------------------------------------------------------
+
+
+def test_what_is_seen_has_one_row_per_edge_point(measure: NormalMeasure, edges: GeneratedEdges, at: Estimate) -> None:
+    n, m = measure.scores.shape
+    assert n == len(edges) == LEVEL.samples
+    assert measure.points is edges.points
+    np.testing.assert_array_equal(measure.normals, edges.normals)
+    assert measure.targets.shape == measure.candidates.offsets.shape == (n, m)
+    assert measure.at is at
+    np.testing.assert_allclose(
+        CAMERA.project(transform(at.cam_T_obj, measure.points_obj)), edges.points, atol=1e-9
+    )
+
+
+def test_candidates_stay_where_they_were_found(measure: NormalMeasure, edges: GeneratedEdges) -> None:
+    """An edge point that moves by a px along its normal has a px less to go, one that slides has as far as before."""
+    np.testing.assert_allclose(measure.distances(edges), measure.candidates.offsets)
+    along, across = edges.normals, edges.tangents
+    np.testing.assert_allclose(measure.distances(moved(edges, 1.5 * along)), measure.candidates.offsets - 1.5)
+    np.testing.assert_allclose(measure.distances(moved(edges, 1.5 * across)), measure.candidates.offsets, atol=1e-9)
+
+
+def test_residuals_and_weights_are_those_of_the_soft_assignment(measure: NormalMeasure, edges: GeneratedEdges) -> None:
+    shifted = moved(edges, np.array([1.0, -0.5]))
+    seen = measure(shifted)
+    config = NormalSearch()
+    expected = soft_assignment(measure.distances(shifted), measure.scores, LEVEL.sigma_px, config.outlier)
+    np.testing.assert_array_equal(seen.residuals, expected.residuals)
+    np.testing.assert_array_equal(seen.weights, expected.weights)
+    assert seen.directions is measure.normals
+    assert seen.loss == pytest.approx(LEVEL.sigma_px**2 * mixture_loss(expected.mass, config.outlier))
+    # What a result reports is of one width on all levels.
+    assert measure.reported_loss(shifted) == pytest.approx(
+        robust_loss(measure.distances(shifted), measure.scores, QUALITY_SIGMA_PX, config.outlier)
+    )
+
+
+def test_the_levels_sigma_and_the_outliers_mass_count(
+    target: NormalTarget, edges: GeneratedEdges, at: Estimate, model: PreparedPart
+) -> None:
+    shifted = moved(edges, np.array([2.0, -1.5]))
+    wide, narrow, least = (
+        target.search(edges, at, Level(8, sigma))(shifted).weights.mean() for sigma in (6.0, 1.0, 0.1)
+    )
+    assert wide > 1.3 * narrow
+    assert least == narrow, "searches have whole pixels: no narrower than 1 px"
+    heavy = target_of(at, NormalSearch(outlier=5.0), SampleKnowledge(Off(), model))
+    assert heavy.search(edges, at, LEVEL)(shifted).weights.mean() < 0.5 * target.search(edges, at, LEVEL)(
+        shifted
+    ).weights.mean()
+
+
+def test_faint_candidates_are_noise(at: Estimate, edges: GeneratedEdges, model: PreparedPart) -> None:
+    knowledge = SampleKnowledge(Off(), model)
+    some, few = (target_of(at, NormalSearch(min_score=score), knowledge).search(edges, at, LEVEL) for score in (0.02, 0.6))
+    assert ((few.scores == 0.0) | (few.scores > 0.6)).all()
+    assert (few.scores > 0.0).sum() < (some.scores > 0.0).sum()
+    assert len(few.target_view().edge_points) < len(some.target_view().edge_points)
+
+
+def test_a_generators_belief_counts_in_the_scores(
+    target: NormalTarget, edges: GeneratedEdges, at: Estimate, measure: NormalMeasure
+) -> None:
+    half = target.search(replace(edges, weights=0.5 * edges.weights), at, LEVEL)
+    np.testing.assert_allclose(half.scores, 0.5 * measure.scores)
+
+
+def test_settings_of_the_search_reach_the_image(at: Estimate, edges: GeneratedEdges, model: PreparedPart) -> None:
+    knowledge = SampleKnowledge(Off(), model)
+    found = {
+        name: target_of(at, NormalSearch(search=search), knowledge).search(edges, at, LEVEL)
+        for name, search in {
+            "usual": SearchConfig(),
+            "two": SearchConfig(max_candidates=2),
+            "blurred": SearchConfig(blur_px=3.0),
+            "contrast": SearchConfig(contrast=60.0),
+        }.items()
+    }
+    assert found["two"].scores.shape[1] == 2 < found["usual"].scores.shape[1]
+    for name in ("blurred", "contrast"):
+        assert found[name].scores.max(1).mean() < 0.9 * found["usual"].scores.max(1).mean()
+
+
+# ---- what was learnt -----------------------------------------------------------------------------------------
+
+
+def test_expected_offsets_move_the_goal(at: Estimate, edges: GeneratedEdges, part: Part, measure: NormalMeasure) -> None:
+    """An outline that is seen a little inside is where it belongs."""
+    knowledge = SampleKnowledge(SampleLearning(), prepared(part, edge_break_mm=0.8))
+    aware = target_of(at, NormalSearch(), knowledge).search(edges, at, LEVEL)
+    assert aware.expected is not None
+    np.testing.assert_allclose(aware.targets, aware.candidates.offsets - aware.expected.offsets_px[:, None])
+    assert np.abs(aware.targets - measure.targets)[edges.outline].min() > 0.05
+    np.testing.assert_array_equal(aware.targets[~edges.outline], measure.targets[~edges.outline])
+    # The trust in each sample counts on fine levels.
+    fine = target_of(at, NormalSearch(), knowledge).search(edges, at, Level(5, 1.0))(edges)
+    trust = knowledge.trust(edges, aware.expected, 1.0)
+    assert trust is not None
+    np.testing.assert_allclose(fine.weights, fine.assigned.weights * trust)
+
+
+def test_the_memory_weakens_what_looked_otherwise_but_not_when_poses_are_compared(
+    at: Estimate, edges: GeneratedEdges, model: PreparedPart
+) -> None:
+    knowledge = SampleKnowledge(SampleLearning(offsets=Off()), model)
+    target = target_of(at, NormalSearch(), knowledge)
+    before, plain = target.search(edges, at, LEVEL), target.agreement(edges, at, LEVEL, 1.2)
+    matches = before.judge(edges, edges, at).matches
+    assert matches is not None
+    assert knowledge.memory is not None
+    knowledge.learn(matches)
+    knowledge.memory.means[:, 0] *= -1.0  # as if every edge had been dark where it is bright
+    after = target.search(edges, at, LEVEL)
+    assert after.scores.sum() < 0.5 * before.scores.sum()
+    assert target.agreement(edges, at, LEVEL, 1.2) == pytest.approx(plain)
+
+
+# ---- judging -------------------------------------------------------------------------------------------------
+
+
+def test_an_estimate_is_judged_by_its_best_candidates(
+    measure: NormalMeasure, source: RigidSource, edges: GeneratedEdges, at: Estimate
+) -> None:
+    qualities = []
+    for mm in (0.0, 1.0, 3.0):
+        drawn = source.reproject(aside(at, mm), edges)
+        judged = measure.judge(drawn, drawn, aside(at, mm))
+        fit = measure.scores * np.exp(-0.5 * (measure.distances(drawn) / QUALITY_SIGMA_PX) ** 2)
+        assert judged.quality == pytest.approx(fit.max(1).mean())
+        assert judged.loss == pytest.approx(measure.reported_loss(drawn))
+        assert judged.edges is drawn
+        rows = np.arange(len(fit))
+        found = fit.max(1) > 0.02
+        np.testing.assert_array_equal(np.isfinite(judged.residuals_px), found)
+        np.testing.assert_allclose(
+            judged.residuals_px[found], measure.distances(drawn)[rows, fit.argmax(1)][found]
+        )
+        qualities.append(judged.quality)
+    assert qualities[0] > qualities[1] > qualities[2]
+
+
+def test_matches_are_for_known_samples_only(measure: NormalMeasure, edges: GeneratedEdges, at: Estimate, target: NormalTarget) -> None:
+    matches = measure.judge(edges, edges, at).matches
+    assert matches is not None
+    assert matches.edges is edges
+    assert np.isfinite(matches.residuals_px).sum() >= np.isfinite(matches.sure_residuals_px).sum() > 20
+    painted = replace(edges, sample_ids=np.full(len(edges), -1))
+    assert target.search(painted, at, LEVEL).judge(painted, painted, at).matches is None
+
+
+def test_edges_painted_anew_are_not_mistaken_for_those_that_were_searched(
+    measure: NormalMeasure, edges: GeneratedEdges, at: Estimate
+) -> None:
+    fewer = edges.take(np.arange(len(edges) - 5))
+    assert measure.judge(edges, fewer, at).edges is edges
+
+
+def test_the_target_view_is_what_was_found_in_the_crop(measure: NormalMeasure, at: Estimate) -> None:
+    assert isinstance(at.view, FrameView)
+    view = measure.target_view()
+    box = at.view.box
+    assert view.origin == (max(box[0], 0), max(box[1], 0))
+    assert view.distance_map is None
+    assert len(view.edge_points) == (measure.candidates.scores > 0.02).sum() > 100
+
+
+# ---- searched at every step ----------------------------------------------------------------------------------
+
+
+def test_a_repeated_search_begins_wherever_the_points_are(
+    at: Estimate, edges: GeneratedEdges, source: RigidSource, model: PreparedPart
+) -> None:
+    target = target_of(at, NormalSearch(bind="step"), SampleKnowledge(Off(), model))
+    bound = target.bind(edges, at, LEVEL)
+    assert isinstance(bound, RepeatedSearch)
+    there = source.reproject(aside(at, 1.0), edges)
+    anew = target.search(there, at, LEVEL)
+    np.testing.assert_array_equal(bound(there).residuals, anew(there).residuals)
+    assert np.abs(bound(there).residuals - target.search(edges, at, LEVEL)(there).residuals).max() > 1e-3
+    assert bound.reported_loss(there) == pytest.approx(anew.reported_loss(there))
+    judged = bound.judge(edges, there, aside(at, 1.0))
+    assert judged.edges is there
+    near = np.abs(judged.residuals_px[np.isfinite(judged.residuals_px)])
+    assert near.max() <= 5.5
+
+
+def test_other_numbers_of_points_are_fine_at_every_step(
+    at: Estimate, source: RigidSource, edges: GeneratedEdges, model: PreparedPart
+) -> None:
+    target = target_of(at, NormalSearch(bind="step"), SampleKnowledge(Off(), model))
+    fewer = source.generate(aside(at, 2.0), 50)
+    assert len(target.bind(edges, at, LEVEL)(fewer).residuals) == 50
+
+
+# ---- settings ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"outlier": 0.0}, "targets.outlier = 0: give a mass above 0"),
+        ({"outlier": float("nan")}, "targets.outlier = nan"),
+        ({"min_score": -0.1}, "targets.min_score = -0.1: give a score from 0 to 1"),
+        ({"min_score": 1.0}, "targets.min_score = 1"),
+        ({"weight": 0.0}, "targets.weight = 0: give a number above 0"),
+    ],
+)
+def test_settings_that_make_no_search_are_refused(settings: dict[str, float], words: str) -> None:
+    with pytest.raises(TrackingError) as caught:
+        NormalSearch(**settings)  # type: ignore[arg-type]
+    assert words in str(caught.value)

@@ -1,0 +1,165 @@
+"""A second look when the fit suddenly gets worse: when it comes, from where, and which pose it gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_view import Estimate, View
+from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.method import ACP
+from acp_lab.tracking.recovery import SecondTries, Situation, recover
+from acp_lab.tracking.schedule import Level
+from acp_lab.tracking.search import WIDE_LEVELS
+from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.tracker import Tracker
+from tests.made_parts import looking_at
+from tests.tracking.rendered import CAMERA, MadeSequence, add_percent, draw
+from tests.tracking.views import view_at
+
+CONFIG = SecondTries(below=0.8, shift_px=14.0, turn_deg=4.0, finalists=2)
+
+
+@dataclass
+class Said:
+    quality: float
+
+
+@dataclass
+class Scripted:
+    """Leaves estimates where they are; from the last pose, from beside it and from turned poses it fits as told."""
+
+    part: Part
+    last: FloatArray
+    at_last: float = 0.0
+    beside: float = 0.0
+    turned: float = 0.0
+    jumps: bool = False
+    tried: list[str] = field(default_factory=list)
+
+    def kind(self, start: Estimate) -> str:
+        pose = start.cam_T_obj
+        if np.abs(pose - self.last).max() < 1e-9:
+            return "last"
+        return "beside" if np.abs(pose[:3, :3] - self.last[:3, :3]).max() < 1e-9 else "turned"
+
+    def solve(self, seen: SeenFrame, start: Estimate, clock: Any, levels: tuple[Level, ...] | None = None) -> Solution:
+        kind = "turned" if levels == WIDE_LEVELS else self.kind(start)
+        self.tried.append(kind)
+        found = {"last": self.at_last, "beside": self.beside, "turned": self.turned}[kind]
+        if self.jumps:
+            away = move_pose(start.cam_T_obj, self.part.box_centre, np.array([0.0, 0, 0, 0, 0, 3 * self.part.radius]))
+            start = start.view.at_pose(away)
+        return Solution(start, Said(found), 0.0)  # type: ignore[arg-type]
+
+    def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
+        raise AssertionError("not asked for")
+
+    def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
+        return 0.5
+
+
+@pytest.fixture
+def last(part: Part) -> FloatArray:
+    return looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+
+
+@pytest.fixture
+def view(part: Part, last: FloatArray) -> View:
+    return view_at(part, last)
+
+
+def first_try(view: View, quality: float) -> Solution:
+    aside = move_pose(view.prior, view.part.box_centre, np.array([0.01, 0, 0, 1.0, 0, 0]))
+    return Solution(view.at_pose(aside), Said(quality), 0.0)  # type: ignore[arg-type]
+
+
+def recovered(
+    solver: Scripted, view: View, first: Solution | None, moves: bool = True, search: bool = False, sees: bool = True
+) -> Solution | None:
+    situation = Situation(solver.last, moves, mean_quality=0.5, time_to_search=search)
+
+    def look(pose: FloatArray) -> SeenFrame | None:
+        assert pose is solver.last
+        return SeenFrame(view, ()) if sees else None  # type: ignore[arg-type]
+
+    return recover(solver, first, look, situation, CONFIG, Stopwatch())
+
+
+def test_a_first_try_that_fits_as_usual_is_taken(part: Part, view: View, last: FloatArray) -> None:
+    solver, first = Scripted(part, last, at_last=1.0), first_try(view, 0.8 * 0.5)
+    assert recovered(solver, view, first, search=True) is first
+    assert solver.tried == []
+
+
+def test_a_worse_one_is_compared_with_a_start_from_the_last_pose(part: Part, view: View, last: FloatArray) -> None:
+    solver = Scripted(part, last, at_last=0.45)
+    found = recovered(solver, view, first_try(view, 0.39))
+    assert found is not None
+    assert found.quality == 0.45
+    assert solver.tried == ["last"], "good enough: no ring"
+    # Without a known motion the first try began there.
+    solver = Scripted(part, last, at_last=0.45)
+    recovered(solver, view, first_try(view, 0.39), moves=False)
+    assert "last" not in solver.tried
+
+
+def test_a_ring_of_starts_joins_in_where_that_is_no_better(part: Part, view: View, last: FloatArray) -> None:
+    solver, first = Scripted(part, last, at_last=0.1, beside=0.45), first_try(view, 0.3)
+    found = recovered(solver, view, first)
+    assert found is not None
+    assert found.quality == 0.45
+    assert solver.tried == ["last"] + ["beside"] * 9  # eight coarse ones and the best of them, refined
+    shown = CAMERA.project(transform(found.cam_T_obj, part.box_centre[None]))[0]
+    middle = CAMERA.project(transform(last, part.box_centre[None]))[0]
+    assert np.linalg.norm(shown - middle) == pytest.approx(14.0, abs=0.01)
+    # The first try stays where nothing is better.
+    assert recovered(Scripted(part, last), view, first) is first
+
+
+def test_a_wide_search_joins_in_when_it_is_due(part: Part, view: View, last: FloatArray) -> None:
+    for due in (False, True):
+        solver = Scripted(part, last, turned=0.6, beside=0.2)
+        found = recovered(solver, view, None, search=due)
+        assert found is not None
+        assert (solver.tried.count("turned") >= 15) == due
+        assert due or "turned" not in solver.tried
+
+
+def test_what_no_part_can_do_is_no_find(part: Part, view: View, last: FloatArray) -> None:
+    solver = Scripted(part, last, at_last=0.9, beside=0.9, turned=0.9, jumps=True)
+    assert recovered(solver, view, None, search=True) is None
+    first = first_try(view, 0.1)
+    assert recovered(solver, view, first, search=True) is first
+
+
+def test_where_the_last_pose_is_not_in_view_the_first_try_stays(part: Part, view: View, last: FloatArray) -> None:
+    solver, first = Scripted(part, last, at_last=1.0), first_try(view, 0.1)
+    assert recovered(solver, view, first, sees=False) is first
+    assert recovered(solver, view, None, sees=False) is None
+
+
+def test_a_jump_is_caught_only_with_second_tries(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
+    frames = [frame for frame in sequence.frames(4) if isinstance(frame, Frame)]
+    step = np.array([0.03, 0.0, 0.02, -16.0, 12.0, 0.0])
+    jumped = move_pose(sequence.truth(6, 1), part.box_centre, step)  # type: ignore[arg-type]
+    off = {}
+    for name, method in {"with": ACP, "without": replace(ACP, recovery=Off())}.items():
+        tracker = Tracker(model, method)
+        tracker.start(frames[0], sequence.first_pose)
+        for frame in frames[1:]:
+            tracker.track(frame)
+        result = tracker.track(Frame(8, draw([(part, jumped)], 4), CAMERA))
+        off[name] = add_percent(part, result.cam_T_obj, jumped)
+    assert off["with"] < 2.0
+    assert off["without"] > 5.0

@@ -1,0 +1,185 @@
+"""Poses around a pose: which are tried, which one wins, and which ones cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import disturb_pose, rotation_angle_deg, transform
+from acp_lab.geometry.pose_step import centre_position, move_pose
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.frame_view import Estimate
+from acp_lab.tracking.method import ACP
+from acp_lab.tracking.recovery import RING_PLAN
+from acp_lab.tracking.schedule import Level
+from acp_lab.tracking.search import SearchPlan, better, is_plausible, ring, search, search_around
+from acp_lab.tracking.solution import SeenFrame, Solution
+from tests.made_parts import looking_at
+from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
+from tests.tracking.views import view_at
+
+REGION = 4
+
+
+@pytest.fixture
+def truth(sequence: MadeSequence) -> FloatArray:
+    return sequence.first_pose
+
+
+@pytest.fixture
+def solver(model: PreparedPart) -> FrameSolver:
+    return FrameSolver(model, ACP)
+
+
+@pytest.fixture
+def seen(solver: FrameSolver, sequence: MadeSequence, truth: FloatArray) -> SeenFrame:
+    (frame,) = sequence.frames(1)
+    assert isinstance(frame, Frame)
+    found = solver.look(frame.image, CAMERA, truth, REGION)
+    assert found is not None
+    return found
+
+
+# ---- poses ---------------------------------------------------------------------------------------------------
+
+
+def test_shifted_poses_appear_beside_in_all_directions(part: Part, truth: FloatArray) -> None:
+    camera = Camera(640, 512, 600.0, 620.0, 319.5, 250.25)
+    shifted = ring(truth, part.box_centre, camera, 14.0)
+    assert len(shifted) == 8
+    centre = camera.project(centre_position(truth, part.box_centre)[None])[0]
+    moved = np.array([camera.project(centre_position(pose, part.box_centre)[None])[0] for pose in shifted]) - centre
+    np.testing.assert_allclose(np.hypot(*moved.T), 14.0, atol=1e-6)
+    np.testing.assert_allclose(moved.sum(0), 0.0, atol=1e-6)
+    for pose in shifted:
+        np.testing.assert_allclose(pose[:3, :3], truth[:3, :3])
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "shift_in_radii", "plausible"),
+    [(44.0, 0.0, True), (46.0, 0.0, False), (0.0, 1.95, True), (0.0, 2.05, False), (30.0, 1.0, True)],
+)
+def test_no_part_turns_or_moves_further_between_frames(
+    part: Part, truth: FloatArray, turn_deg: float, shift_in_radii: float, plausible: bool
+) -> None:
+    step = np.array([0.0, np.radians(turn_deg), 0.0, 0.0, 0.0, shift_in_radii * part.radius])
+    assert is_plausible(move_pose(truth, part.box_centre, step), truth, part) is plausible
+
+
+# ---- which one wins ------------------------------------------------------------------------------------------
+
+
+def test_from_several_starts_the_best_wins(
+    part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray
+) -> None:
+    far = disturb_pose(truth, part.box_centre, 0.0, 28.0, np.random.default_rng(2))
+    view = seen.view
+    starts = [view.at_pose(pose) for pose in (far, *ring(far, part.box_centre, CAMERA, 20.0), truth)]
+    found = search(solver, seen, starts, RING_PLAN, quality)
+    assert found is not None
+    assert add_percent(part, found.cam_T_obj, truth) < 1.5
+    assert search(solver, seen, [], RING_PLAN, quality) is None
+    behind = move_pose(truth, part.box_centre, np.array([0.0, 0, 0, 0, 0, -900.0]))
+    assert search(solver, seen, [view.at_pose(behind)], RING_PLAN, quality) is None
+
+
+def quality(solution: Solution) -> float:
+    return solution.judgement.quality
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_search_around_comes_back_from_some_degrees(
+    part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray, seed: int
+) -> None:
+    start = disturb_pose(truth, part.box_centre, 8.0, 5.0, np.random.default_rng(seed))
+    found = search_around(solver, seen, start, 4.0, 3)
+    assert found is not None
+    assert add_percent(part, found.cam_T_obj, truth) < 1.5
+
+
+@dataclass
+class Said:
+    """A judgement of which the quality is all that is asked."""
+
+    quality: float
+
+
+@dataclass
+class Noted:
+    """A solver that leaves estimates where they are, and notes what it was asked; quality goes by the x of a pose."""
+
+    part: Part
+    solved: list[tuple[Estimate, Any]] = field(default_factory=list)
+    agreed: list[Estimate] = field(default_factory=list)
+    blind: bool = False
+
+    def solve(self, seen: SeenFrame, start: Estimate, clock: Any, levels: Any = None) -> Solution | None:
+        self.solved.append((start, levels))
+        if self.blind and levels is None:
+            return None
+        return Solution(start, Said(start.cam_T_obj[0, 3]), 0.0)  # type: ignore[arg-type]
+
+    def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
+        raise AssertionError("not asked for")
+
+    def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
+        self.agreed.append(at)
+        return float(at.cam_T_obj[0, 3])
+
+
+def test_finalists_are_refined_on_their_own_levels(part: Part, seen: SeenFrame) -> None:
+    view, base = view_at(part, looking_at(part, np.array([0.1, 0.1, 1.0]), 330.0)), np.eye(4)
+    starts = []
+    for x in (3.0, 5.0, 1.0, 4.0):
+        pose = base.copy()
+        pose[0, 3] = x
+        starts.append(view.at_pose(pose))
+    first, last = (Level(9, 3.0),), (Level(5, 1.0),)
+    solver = Noted(part)
+    found = search(solver, seen, starts, SearchPlan(first, 2, last), quality)
+    assert found is not None
+    assert found.cam_T_obj[0, 3] == 5.0
+    assert [(at.cam_T_obj[0, 3], levels) for at, levels in solver.solved] == [
+        *((x, first) for x in (3.0, 5.0, 1.0, 4.0)),
+        (5.0, last),
+        (4.0, last),
+    ]
+    # Where no finalist can be refined, the best first solution stays.
+    blind = Noted(part, blind=True)
+    found = search(blind, seen, starts, SearchPlan(first, 2), quality)
+    assert found is not None
+    assert found.cam_T_obj[0, 3] == 5.0
+
+
+def test_a_search_around_turns_about_axes_and_diagonals(part: Part, seen: SeenFrame, truth: FloatArray) -> None:
+    solver = Noted(part)
+    search_around(solver, seen, truth, 4.0, 3)
+    starts = [at.cam_T_obj for at, levels in solver.solved if levels is not None]
+    assert len(starts) == 15
+    np.testing.assert_allclose(starts[0], truth, atol=1e-9)
+    turns = [pose[:3, :3] @ truth[:3, :3].T for pose in starts[1:]]
+    np.testing.assert_allclose([rotation_angle_deg(turn, np.eye(3)) for turn in turns], 4.0, atol=1e-6)
+    np.testing.assert_allclose(sum(turn - turn.T for turn in turns), 0.0, atol=1e-9)  # as many each way
+    for pose in starts:
+        np.testing.assert_allclose(transform(pose, part.box_centre), transform(truth, part.box_centre), atol=1e-9)
+    assert len(solver.solved) == 15 + 3  # finalists
+    assert len(solver.agreed) == 15 + 3
+
+
+def test_the_better_of_two() -> None:
+    def of(value: float) -> Solution:
+        return Solution(None, Said(value), 0.0)  # type: ignore[arg-type]
+
+    low, high, same = of(0.3), of(0.5), of(0.5)
+    assert better(low, high) is better(high, low) is high
+    assert better(high, same) is high
+    assert better(None, low) is better(low, None) is low
+    assert better(None, None) is None
