@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import json
+import shutil
+import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from acp_lab.commands.methods import METHOD_NAMES
 from acp_lab.commands.track import TrackOptions, scene_jobs
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.control_points.view_regions import choose_region
+from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
+from acp_lab.prepared_part import PreparedPart, Trained
+from acp_lab.prepared_part.trained import RegionReport
 from acp_lab.sequences import ResultRow, ResultsWriter, read_results
+from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import METHODS
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, write_dataset
@@ -71,19 +80,113 @@ def test_a_method_of_ones_own(
 ) -> None:
     config = tmp_path / "mine.toml"
     config.write_text(
-        'generator = "templates"\ncontrol_points = "mid-section"\nvariables = "pose"\n[loss]\nalpha = 0.05\n'
+        'control_points = "mid-section"\n[source]\nkind = "cad-samples"\ngenerator = "templates"\n'
+        '[variables]\nkind = "pose"\n[schedule]\nalpha = 0.06\n'
     )
     track(capsys, dataset, parts, tmp_path / "results.csv", "--config", str(config))
     info = json.loads((tmp_path / "results.run.json").read_text())
     assert info["method"] == "mine"
-    assert info["configuration"]["loss"] == {"form": "geman-mcclure", "alpha": 0.05, "schedule": [1.0, 0.6, 0.4]}
+    configuration = info["configuration"]
+    expected = {"kind": "share-of-diameter", "alpha": 0.06, "shares": [1.0, 0.6, 0.4], "samples": 600}
+    assert configuration["schedule"] == expected
+    assert configuration["variables"] == {"kind": "pose", "linearise": "step"}
+    assert configuration["targets"][0]["loss"] == "geman-mcclure"
     outcome = run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "scores.json")
     assert outcome.status == 0, outcome
     assert json.loads((tmp_path / "scores.json").read_text())["pooled"]["recall_10"] == 1.0
 
 
-def test_the_named_methods_are_those_that_exist() -> None:
-    assert ("acp", *METHODS) == METHOD_NAMES
+def test_every_named_method_is_one_that_track_takes(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """These parts have templates alone: the others say which generator they lack, before anything is written."""
+    for name in METHODS:
+        out = tmp_path / f"{name}.csv"
+        outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--method", name, "--max-frames", "2")
+        if name == "acp":
+            assert outcome.status == 0, outcome
+            assert json.loads(out.with_suffix(".run.json").read_text())["method"] == name
+        else:
+            assert_one_error(outcome, "--generator autoencoder")
+            assert not out.exists()
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", tmp_path / "x.csv", "--method", "acp-papr")
+    assert_one_error(outcome, "acp-papr")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("targets = []", "targets"),
+        ("[solver]\nsteps = 1000000000", "solver.steps = 1000000000"),
+        ("[[schedule]]\nalpha = 0.1", "schedule"),
+        ("[source]\nkind = 'eyes'", "source.kind = 'eyes'"),
+    ],
+)
+def test_a_method_that_makes_no_sense_is_one_line(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, text: str, words: str
+) -> None:
+    config = tmp_path / "mine.toml"
+    config.write_text(text)
+    out = tmp_path / "results.csv"
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--config", config)
+    assert_one_error(outcome, words)
+    assert not out.exists()
+
+
+def test_the_time_of_a_row_is_that_of_the_whole_frame(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the decoded frame to the pose: looking at the image counts, not the solver alone."""
+    look = FrameSolver.look
+
+    def slowly(*args: Any, **kwargs: Any) -> Any:
+        time.sleep(0.05)
+        return look(*args, **kwargs)
+
+    monkeypatch.setattr(FrameSolver, "look", slowly)
+    track(capsys, dataset, parts, tmp_path / "results.csv", "--object", "1", "--max-frames", "3")
+    rows = read_results(tmp_path / "results.csv")
+    assert len(rows) == 3
+    assert min(row.time_s for row in rows) >= 0.05
+
+
+# ---- view regions that were not prepared ---------------------------------------------------------------------
+
+
+def learned_only(parts: Path, name: str, region: int) -> None:
+    """As `prepare --generator learned --regions K` leaves a part, its network calling every edge visible."""
+    model = PreparedPart.load(parts / name)
+    n = len(model.edges)
+    zeros = [np.zeros(shape, np.float32) for shape in ((4, 8), (4,), (4, 4), (4,), (n, 4))]
+    everything = RegionNetwork(*zeros, np.ones(n, np.float32), np.arange(n, dtype=np.int32))
+    networks = Trained({region: everything}, {region: RegionReport(region, 1.0, 1.0, 1.0, 0.0, 0.0)}, "made")
+    shutil.rmtree(parts / name)
+    replace(model, templates=None, networks=networks).save(parts / name)
+
+
+def test_a_start_from_a_region_that_was_not_prepared_is_one_line_and_exit_2(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    box = PreparedPart.load(parts / "obj_000001").part
+    seen_from = choose_region(eye_position(true_pose(0)) - box.box_centre, 0.5 * box.box_size)
+    opposite = seen_from ^ 1
+    learned_only(parts, "obj_000001", opposite)
+    out = tmp_path / "results.csv"
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--object", "1")
+    assert outcome.status == 2
+    # One line says which generator is in use, before the error.
+    error = outcome.err.strip().splitlines()[-1]
+    assert error.startswith(f"error: obj_000001: the part is seen from view region {seen_from}, generator learned ")
+    assert f"is prepared for {opposite} only; run: acp-lab prepare" in error
+    assert error.endswith(f"--regions {seen_from}")
+    assert not out.exists()
+    # Prepared for the region that it is seen from, it is tracked.
+    learned_only(parts, "obj_000001", seen_from)
+    track(capsys, dataset, parts, out, "--object", "1")
+    assert len(read_results(out)) == len(FRAME_IDS)
+
+
+# ---- starts --------------------------------------------------------------------------------------------------
 
 
 def test_same_seed_same_numbers(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
@@ -94,17 +197,22 @@ def test_same_seed_same_numbers(capsys: pytest.CaptureFixture[str], dataset: Pat
     assert not np.array_equal(poses(tmp_path / "a.csv"), poses(tmp_path / "c.csv"))
 
 
-def test_noise_is_exact_and_from_the_seed(dataset: Path, parts: Path, tmp_path: Path) -> None:
-    options = TrackOptions(parts=parts, out=tmp_path / "r.csv", dataset=dataset, noise_deg=5.0, noise_mm=3.0, seed=7)
+@pytest.mark.parametrize(("noise_deg", "noise_mm"), [(0.5, 0.5), (5.0, 3.0), (0.5, 0.0), (0.0, 2.0), (120.0, 40.0)])
+def test_noise_is_exact_and_from_the_seed(
+    dataset: Path, parts: Path, tmp_path: Path, noise_deg: float, noise_mm: float
+) -> None:
+    options = TrackOptions(
+        parts=parts, out=tmp_path / "r.csv", dataset=dataset, noise_deg=noise_deg, noise_mm=noise_mm, seed=7
+    )
     (job,) = scene_jobs(options)
     (again,) = scene_jobs(options)
     for object_id in OBJECT_IDS:
         start, truth = job.starts[object_id], true_pose(0, object_id)
         np.testing.assert_array_equal(start, again.starts[object_id])
-        assert rotation_angle_deg(start[:3, :3], truth[:3, :3]) == pytest.approx(5.0)
+        assert rotation_angle_deg(start[:3, :3], truth[:3, :3]) == pytest.approx(noise_deg, abs=1e-5)
         centre = job.models[object_id].part.box_centre
         moved = transform(start, centre[None]) - transform(truth, centre[None])
-        assert np.linalg.norm(moved) == pytest.approx(3.0)
+        assert np.linalg.norm(moved) == pytest.approx(noise_mm, abs=1e-9)
     relative = [job.starts[i] @ inverse(true_pose(0, i)) for i in OBJECT_IDS]
     assert not np.allclose(relative[0], relative[1])  # each object has noise of its own
 
