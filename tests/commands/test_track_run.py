@@ -75,9 +75,7 @@ def test_run_json_tells_how_it_came_about(
     assert info["threads"] == 1
 
 
-def test_a_method_of_ones_own(
-    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
-) -> None:
+def test_a_method_of_ones_own(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
     config = tmp_path / "mine.toml"
     config.write_text(
         'control_points = "mid-section"\n[source]\nkind = "cad-samples"\ngenerator = "templates"\n'

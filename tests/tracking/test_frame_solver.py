@@ -122,7 +122,9 @@ def test_time_is_booked_by_stage(solver: FrameSolver, seen: SeenFrame) -> None:
     assert clock.image_s == clock.learn_s == 0.0
 
 
-def test_the_solver_takes_the_steps_and_the_levels_of_its_method(model: PreparedPart, frame: Frame, truth: FloatArray) -> None:
+def test_the_solver_takes_the_steps_and_the_levels_of_its_method(
+    model: PreparedPart, frame: Frame, truth: FloatArray
+) -> None:
     method = replace(ACP, solver=GaussNewton(steps=5), schedule=PixelSchedule((Level(10, 3.0), Level(6, 1.5))))
     solver = FrameSolver(model, method)
     seen = looked_at(solver, frame, truth)
@@ -220,7 +222,7 @@ def test_the_points_in_use_are_regressed_ones_or_the_middle_section(
 ) -> None:
     middle = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[REGION].axis)
     regressed = part.box_centre + 0.7 * (middle - part.box_centre)
-    values = Trained({r: regressed for r in range(6)}, {})
+    values = Trained(dict.fromkeys(range(6), regressed), {})
     trained = replace(model, regressed_points=values)  # type: ignore[arg-type]
     for point_set, expected in (("regressed", regressed), ("mid-section", middle)):
         solver = FrameSolver(trained, replace(FROM_MAP, control_points=point_set))  # type: ignore[arg-type]

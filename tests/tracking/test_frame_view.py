@@ -32,9 +32,7 @@ def view(part: Part) -> View:
 def test_a_pose_shows_its_control_points_where_they_project(view: View) -> None:
     estimate = prior_of(view)
     assert estimate.cam_T_obj is view.prior, "a given pose needs no PnP"
-    np.testing.assert_array_equal(
-        estimate.control_points, CAMERA.project(transform(view.prior, view.points_obj))
-    )
+    np.testing.assert_array_equal(estimate.control_points, CAMERA.project(transform(view.prior, view.points_obj)))
 
 
 def test_control_points_have_the_pose_of_planar_pnp(view: View) -> None:

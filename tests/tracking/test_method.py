@@ -282,7 +282,7 @@ def test_sums_of_parts_follow_the_part(name: str, part: Part, model: PreparedPar
 
 
 def test_what_was_learnt_tells_edges_apart(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
-    """At the end of the sequence an inner edge comes so near to the outline that only the memory knows which is which."""
+    """At the end an inner edge comes so near to the outline that only the memory tells which is which."""
     off = {}
     for learning in (MEMORY, Off()):
         method = replace(POSE, targets=(NormalSearch(),), learning=learning)
@@ -354,7 +354,9 @@ def test_what_goes_on_is_i_itself_or_the_i_of_its_pose(carry: str, prediction: A
     np.testing.assert_allclose(blind.control_points, ahead + drift if carry == "points" else ahead, atol=1e-4)
 
 
-@pytest.mark.parametrize("method", [replace(BASE, variables=ControlPointVariables(carry="points")), ACP], ids=["points", "acp"])
+@pytest.mark.parametrize(
+    "method", [replace(BASE, variables=ControlPointVariables(carry="points")), ACP], ids=["points", "acp"]
+)
 def test_pnp_of_the_reported_control_points_is_the_reported_pose(
     method: Method, model: PreparedPart, sequence: MadeSequence
 ) -> None:

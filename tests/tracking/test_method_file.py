@@ -30,7 +30,7 @@ from acp_lab.tracking.targets.normals import NormalSearch
 # In these every setting differs from what `acp` and `acp-paper` have.
 RIDGES = Method(
     name="painted points",
-    summary="with \"quotes\", and an é",
+    summary='with "quotes", and an é',
     control_points="regressed",
     margin_px=12.5,
     source=PaintedRidges("threshold", 0.2),
@@ -77,13 +77,9 @@ def test_a_method_comes_back_from_its_file_whatever_its_base(method: Method, bas
 def test_what_a_file_leaves_out_is_as_in_its_base(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[schedule]\nalpha = 0.05\n")
-    assert read_method(path) == replace(
-        ACP_PAPER, name="mine", schedule=replace(ACP_PAPER.schedule, alpha=0.05)
-    )
+    assert read_method(path) == replace(ACP_PAPER, name="mine", schedule=replace(ACP_PAPER.schedule, alpha=0.05))
     path.write_text('base = "direct-6dof"\n[schedule]\nsamples = 200\n')
-    assert read_method(path) == replace(
-        DIRECT_6DOF, name="mine", schedule=replace(DIRECT_6DOF.schedule, samples=200)
-    )
+    assert read_method(path) == replace(DIRECT_6DOF, name="mine", schedule=replace(DIRECT_6DOF.schedule, samples=200))
     path.write_text('base = "acp"\nname = "bold"\n[learning.memory]\nkind = "off"\n')
     assert isinstance(ACP.learning, SampleLearning)
     assert read_method(path) == replace(ACP, name="bold", learning=replace(ACP.learning, memory=Off()))

@@ -106,9 +106,7 @@ def test_the_flow_along_rigid_motions_is_the_rigid_motion(
 
 
 @pytest.mark.parametrize("by_differences", [False, True])
-def test_regenerated_edges_move_as_their_rows_say(
-    start: Estimate, source: RigidSource, by_differences: bool
-) -> None:
+def test_regenerated_edges_move_as_their_rows_say(start: Estimate, source: RigidSource, by_differences: bool) -> None:
     """Through PnP, whose choice of a rigid motion differs a little between the two."""
     motion = RegeneratedMotion(source, 60, by_differences)
     edges, rows = motion.linearised(start)

@@ -68,9 +68,7 @@ def test_steps_lead_to_the_result(model: PreparedPart, sequence: MadeSequence) -
     assert not tracker.records_steps
 
 
-def test_a_start_that_is_not_trusted_shows_its_search(
-    part: Part, model: PreparedPart, sequence: MadeSequence
-) -> None:
+def test_a_start_that_is_not_trusted_shows_its_search(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
     start = move_pose(sequence.first_pose, part.box_centre, np.array([0.03, 0.02, -0.03, 2.0, -1.0, 4.0]))
     tracker = Tracker(model)
     tracker.records_steps = True

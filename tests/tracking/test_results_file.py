@@ -59,6 +59,4 @@ def test_a_wrong_start_costs_no_older_results(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="choose another place"):
-        acp.Tracker(sample_model()).run(
-            sample_scene(), sample_scene().first_pose, observers=[ResultsFile(tmp_path)]
-        )
+        acp.Tracker(sample_model()).run(sample_scene(), sample_scene().first_pose, observers=[ResultsFile(tmp_path)])

@@ -77,9 +77,7 @@ def test_no_part_turns_or_moves_further_between_frames(
 # ---- which one wins ------------------------------------------------------------------------------------------
 
 
-def test_from_several_starts_the_best_wins(
-    part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray
-) -> None:
+def test_from_several_starts_the_best_wins(part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray) -> None:
     far = disturb_pose(truth, part.box_centre, 0.0, 28.0, np.random.default_rng(2))
     view = seen.view
     starts = [view.at_pose(pose) for pose in (far, *ring(far, part.box_centre, CAMERA, 20.0), truth)]

@@ -235,7 +235,9 @@ class Linear:
     def __init__(self, jacobian: FloatArray) -> None:
         self._jacobian = jacobian
         count = len(jacobian)
-        self._edges = GeneratedEdges(np.zeros((count, 2)), np.tile([1.0, 0.0], (count, 1)), np.ones(count), np.arange(count))
+        self._edges = GeneratedEdges(
+            np.zeros((count, 2)), np.tile([1.0, 0.0], (count, 1)), np.ones(count), np.arange(count)
+        )
 
     def edges(self, at: Estimate) -> GeneratedEdges:
         return self._edges
@@ -352,7 +354,11 @@ def test_a_prior_pulls_where_edges_say_nothing(edges: GeneratedEdges) -> None:
 
 def test_weights_count_relative_to_each_other_only() -> None:
     rng = np.random.default_rng(0)
-    motion, residuals, weights = Linear(rng.standard_normal((20, 6))), rng.standard_normal(20), rng.uniform(0.1, 1.0, 20)
+    motion, residuals, weights = (
+        Linear(rng.standard_normal((20, 6))),
+        rng.standard_normal(20),
+        rng.uniform(0.1, 1.0, 20),
+    )
     first, second = (
         problem(motion, Fixed(residuals, c * weights)).normal_equations(ANY).step(0.1) for c in (1.0, 1e-6)
     )
@@ -395,7 +401,9 @@ def projected(count: int, seed: int, pose: FloatArray = POSE) -> tuple[Generated
     points_obj = PART.box_centre + rng.uniform(-0.5, 0.5, (count, 3)) * PART.box_size
     angles = rng.uniform(0.0, 2.0 * np.pi, count)
     tangents = np.stack([np.cos(angles), np.sin(angles)], 1)
-    return GeneratedEdges(CAMERA.project(transform(pose, points_obj)), tangents, np.ones(count), np.arange(count)), points_obj
+    return GeneratedEdges(
+        CAMERA.project(transform(pose, points_obj)), tangents, np.ones(count), np.arange(count)
+    ), points_obj
 
 
 @pytest.mark.parametrize("per_level", [False, True])
@@ -413,7 +421,9 @@ def test_repeated_steps_find_the_pose_again(per_level: bool) -> None:
         priors=[ControlPointDamping(2e-6).bind(PoseVariables(), away)],
     )
     found = minimise(made, away, GaussNewton(12 if per_level else 6, damping=0.0))[-1].cam_T_obj
-    np.testing.assert_allclose(transform(found, points_obj), transform(POSE, points_obj), atol=1e-3 if per_level else 1e-4)
+    np.testing.assert_allclose(
+        transform(found, points_obj), transform(POSE, points_obj), atol=1e-3 if per_level else 1e-4
+    )
 
 
 # ---- settings ------------------------------------------------------------------------------------------------
@@ -434,5 +444,3 @@ def test_settings_that_would_diverge_are_refused() -> None:
     for rate in (0.0, -1.0, float("nan")):
         with pytest.raises(TrackingError, match=r"^solver\.rate = .*: give px above 0$"):
             Adam(rate=rate)
-
-

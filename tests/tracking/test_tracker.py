@@ -394,7 +394,20 @@ def test_looking_changes_nothing(model: PreparedPart, sequence: MadeSequence) ->
 
 # ---- view regions that were not prepared ---------------------------------------------------------------------
 
-TURNS = [np.array([x, 0.3, z]) for x, z in ((0.3, 1.0), (0.7, 1.0), (0.98, 1.0), (1.1, 1.0), (1.25, 1.0), (1.5, 1.0), (1.25, 1.0), (0.9, 1.0), (1.4, 1.0))]
+TURNS = [
+    np.array([x, 0.3, z])
+    for x, z in (
+        (0.3, 1.0),
+        (0.7, 1.0),
+        (0.98, 1.0),
+        (1.1, 1.0),
+        (1.25, 1.0),
+        (1.5, 1.0),
+        (1.25, 1.0),
+        (0.9, 1.0),
+        (1.4, 1.0),
+    )
+]
 
 
 def turning(part: Part) -> list[FloatArray]:
@@ -420,7 +433,9 @@ def test_a_start_from_a_region_that_was_not_prepared_is_refused(
     with pytest.raises(PreparationError) as caught:
         Tracker(learned(model, [5, 0], with_templates=False), method).start(frame, pose)
     message = str(caught.value)
-    assert message.startswith("bracket: the part is seen from view region 4, generator learned is prepared for 0, 5 only")
+    assert message.startswith(
+        "bracket: the part is seen from view region 4, generator learned is prepared for 0, 5 only"
+    )
     assert "; run: acp-lab prepare MESH --out PARTS_DIR --regions 4" in message
     assert "\n" not in message
 
@@ -451,9 +466,7 @@ def test_a_part_that_turns_to_where_nothing_was_prepared_says_so_once(
         assert [result.region for result in results] == [4] * len(truth)
         said = [index for index, result in enumerate(results) if "not prepared" in result.note]
         assert len(said) == 1
-        assert results[said[0]].note == (
-            "view region 0 is not prepared: that of region 4 is used; accuracy will fall"
-        )
+        assert results[said[0]].note == ("view region 0 is not prepared: that of region 4 is used; accuracy will fall")
         natural = tracker.solver.natural_region(results[said[0]].predicted)
         assert natural == 0
         assert 2 <= said[0] <= 5
@@ -481,9 +494,7 @@ def test_only_regions_that_were_painted_are_used(part: Part, model: PreparedPart
 
 def test_another_region_begins_with_the_projection_of_the_pose(part: Part, model: PreparedPart) -> None:
     """What was carried on is an I of another W."""
-    method = replace(
-        BY_MAP, variables=ControlPointVariables("autograd", carry="points"), priors=(RigidityPrior(0.1),)
-    )
+    method = replace(BY_MAP, variables=ControlPointVariables("autograd", carry="points"), priors=(RigidityPrior(0.1),))
     truth = turning(part)[:7]
     tracker = Tracker(model, method)
     results = tracked(tracker, part, truth)

@@ -149,9 +149,7 @@ def test_a_trusted_pose_teaches_offsets_and_a_tracked_one_does_not(
     off.measure_offsets(matches(off, edges, at, 0.4))
 
 
-def test_a_solved_frame_teaches_look_and_reliability(
-    broken: PreparedPart, edges: GeneratedEdges, at: Estimate
-) -> None:
+def test_a_solved_frame_teaches_look_and_reliability(broken: PreparedPart, edges: GeneratedEdges, at: Estimate) -> None:
     knowledge = SampleKnowledge(ALL, broken)
     assert knowledge.memory is not None
     assert knowledge.reliability is not None

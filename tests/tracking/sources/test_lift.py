@@ -25,9 +25,7 @@ def edges(view: View, model: PreparedPart) -> GeneratedEdges:
     return RigidSource(model.best_generator(), 0.0).generate(prior_of(view), 200)
 
 
-def test_lifted_edges_are_where_the_generator_has_them(
-    view: View, edges: GeneratedEdges, model: PreparedPart
-) -> None:
+def test_lifted_edges_are_where_the_generator_has_them(view: View, edges: GeneratedEdges, model: PreparedPart) -> None:
     painted = GeneratedEdges(edges.points, edges.tangents, edges.weights, np.full(len(edges), -1))
     lifted = EdgeLifter(model.part, model.edges).lift(painted, prior_of(view))
     known = np.isfinite(lifted).all(1)

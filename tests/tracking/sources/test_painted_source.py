@@ -112,9 +112,7 @@ def test_the_regressed_or_the_mid_section_points_paint(view: View, model: Prepar
 
 
 @pytest.mark.parametrize("config", [PaintedRidges(), PaintedSamples()], ids=lambda config: config.kind)
-def test_a_missing_auto_encoder_names_the_command(
-    model: PreparedPart, config: PaintedRidges | PaintedSamples
-) -> None:
+def test_a_missing_auto_encoder_names_the_command(model: PreparedPart, config: PaintedRidges | PaintedSamples) -> None:
     with pytest.raises(PreparationError, match="--generator autoencoder"):
         config.open(model, "regressed")
 

@@ -164,7 +164,7 @@ def test_a_black_frame_is_far_from_everything() -> None:
 
 @pytest.fixture
 def line() -> tuple[DistanceTarget, GeneratedEdges]:
-    """An upright image edge at x = 20, and edge points 0 to 7 px right of it, each believed less than the one before."""
+    """An upright image edge at x = 20, and edge points 0 to 7 px right of it, believed ever less."""
     edges = np.zeros((40, 60), bool)
     edges[:, 20] = True
     points = np.column_stack([20.0 + np.arange(8), 16.3 + np.arange(8)])

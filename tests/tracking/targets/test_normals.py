@@ -36,9 +36,7 @@ def at(part: Part, sequence: MadeSequence) -> Estimate:
     plain = view_at(part, sequence.first_pose)
     box = crop_box(box_corners(part), plain.prior, CAMERA, 32.0)
     assert box is not None
-    return prior_of(
-        FrameView(CAMERA, plain.prior, plain.region, plain.points_obj, part, image=frame.image, box=box)
-    )
+    return prior_of(FrameView(CAMERA, plain.prior, plain.region, plain.points_obj, part, image=frame.image, box=box))
 
 
 @pytest.fixture
@@ -86,9 +84,7 @@ def test_what_is_seen_has_one_row_per_edge_point(measure: NormalMeasure, edges: 
     np.testing.assert_array_equal(measure.normals, edges.normals)
     assert measure.targets.shape == measure.candidates.offsets.shape == (n, m)
     assert measure.at is at
-    np.testing.assert_allclose(
-        CAMERA.project(transform(at.cam_T_obj, measure.points_obj)), edges.points, atol=1e-9
-    )
+    np.testing.assert_allclose(CAMERA.project(transform(at.cam_T_obj, measure.points_obj)), edges.points, atol=1e-9)
 
 
 def test_candidates_stay_where_they_were_found(measure: NormalMeasure, edges: GeneratedEdges) -> None:
@@ -124,14 +120,17 @@ def test_the_levels_sigma_and_the_outliers_mass_count(
     assert wide > 1.3 * narrow
     assert least == narrow, "searches have whole pixels: no narrower than 1 px"
     heavy = target_of(at, NormalSearch(outlier=5.0), SampleKnowledge(Off(), model))
-    assert heavy.search(edges, at, LEVEL)(shifted).weights.mean() < 0.5 * target.search(edges, at, LEVEL)(
-        shifted
-    ).weights.mean()
+    assert (
+        heavy.search(edges, at, LEVEL)(shifted).weights.mean()
+        < 0.5 * target.search(edges, at, LEVEL)(shifted).weights.mean()
+    )
 
 
 def test_faint_candidates_are_noise(at: Estimate, edges: GeneratedEdges, model: PreparedPart) -> None:
     knowledge = SampleKnowledge(Off(), model)
-    some, few = (target_of(at, NormalSearch(min_score=score), knowledge).search(edges, at, LEVEL) for score in (0.02, 0.6))
+    some, few = (
+        target_of(at, NormalSearch(min_score=score), knowledge).search(edges, at, LEVEL) for score in (0.02, 0.6)
+    )
     assert ((few.scores == 0.0) | (few.scores > 0.6)).all()
     assert (few.scores > 0.0).sum() < (some.scores > 0.0).sum()
     assert len(few.target_view().edge_points) < len(some.target_view().edge_points)
@@ -163,7 +162,9 @@ def test_settings_of_the_search_reach_the_image(at: Estimate, edges: GeneratedEd
 # ---- what was learnt -----------------------------------------------------------------------------------------
 
 
-def test_expected_offsets_move_the_goal(at: Estimate, edges: GeneratedEdges, part: Part, measure: NormalMeasure) -> None:
+def test_expected_offsets_move_the_goal(
+    at: Estimate, edges: GeneratedEdges, part: Part, measure: NormalMeasure
+) -> None:
     """An outline that is seen a little inside is where it belongs."""
     knowledge = SampleKnowledge(SampleLearning(), prepared(part, edge_break_mm=0.8))
     aware = target_of(at, NormalSearch(), knowledge).search(edges, at, LEVEL)
@@ -211,14 +212,14 @@ def test_an_estimate_is_judged_by_its_best_candidates(
         rows = np.arange(len(fit))
         found = fit.max(1) > 0.02
         np.testing.assert_array_equal(np.isfinite(judged.residuals_px), found)
-        np.testing.assert_allclose(
-            judged.residuals_px[found], measure.distances(drawn)[rows, fit.argmax(1)][found]
-        )
+        np.testing.assert_allclose(judged.residuals_px[found], measure.distances(drawn)[rows, fit.argmax(1)][found])
         qualities.append(judged.quality)
     assert qualities[0] > qualities[1] > qualities[2]
 
 
-def test_matches_are_for_known_samples_only(measure: NormalMeasure, edges: GeneratedEdges, at: Estimate, target: NormalTarget) -> None:
+def test_matches_are_for_known_samples_only(
+    measure: NormalMeasure, edges: GeneratedEdges, at: Estimate, target: NormalTarget
+) -> None:
     matches = measure.judge(edges, edges, at).matches
     assert matches is not None
     assert matches.edges is edges
