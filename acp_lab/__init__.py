@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from acp_lab.preparation import prepare
     from acp_lab.prepared_part import PreparedPart, PrepareOptions
     from acp_lab.sequences import open_sequence
+    from acp_lab.tracking.method import METHODS, Method
     from acp_lab.tracking.results_file import ResultsFile
     from acp_lab.tracking.snap import snap
     from acp_lab.tracking.tracker import Tracker
@@ -36,8 +37,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "METHODS",
     "AcpLabError",
     "Camera",
+    "Method",
     "Part",
     "PoseAligner",
     "PrepareOptions",
@@ -56,6 +59,8 @@ __all__ = [
 
 _HOME = {
     "Camera": "acp_lab.geometry.camera",
+    "METHODS": "acp_lab.tracking.method",
+    "Method": "acp_lab.tracking.method",
     "Part": "acp_lab.cad.part",
     "PoseAligner": "acp_lab.display.widgets",
     "PrepareOptions": "acp_lab.prepared_part",

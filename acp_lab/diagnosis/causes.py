@@ -109,7 +109,7 @@ def occlusion(hidden_share: float, config: DiagnosisConfig) -> Finding | None:
         f"{100.0 * hidden_share:.0f}% of the visible edges, in one connected region, are missing or changed colour "
         "on both sides.",
         "keep the view of the part free; StateConfig.patience bridges short occlusions, a higher "
-        "TrackerConfig.learn_above keeps the tracker from learning the occluder",
+        "SampleLearning.learn_above keeps the tracker from learning the occluder",
         hidden_share,
         config.hidden_share,
     )
@@ -121,7 +121,7 @@ def clutter(rivals_per_point: float, reach_px: int, config: DiagnosisConfig) -> 
         Cause.CLUTTER,
         f"on average {rivals_per_point:.1f} other strong image edges of the same direction lie within {reach_px} px of "
         "an edge point.",
-        "a plainer background; SolverConfig.levels with a shorter reach_px, or MemoryConfig.grey_floor and "
+        "a plainer background; PixelSchedule.levels with a shorter reach_px, or MemoryConfig.grey_floor and "
         "gradient_floor lower, so that the remembered look of an edge counts more",
         rivals_per_point,
         config.rivals,
@@ -147,8 +147,8 @@ def fast_motion(innovation_px: float, reach_px: int, config: DiagnosisConfig) ->
         Cause.FAST_MOTION,
         f"the part was {innovation_px:.0f} px from its predicted position; image edges are searched for within "
         f"{reach_px} px.",
-        f"more frames per second; SolverConfig.levels[0].reach_px of at least {math.ceil(innovation_px)}, and "
-        "TrackerConfig.shift_px as large",
+        f"more frames per second; PixelSchedule.levels[0].reach_px of at least {math.ceil(innovation_px)}, and "
+        "SecondTries.shift_px as large",
         innovation_px,
         reach_px + config.recovery_px,
     )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
+from acp_lab.diagnosis import causes
 from acp_lab.diagnosis.causes import Cause, DiagnosisConfig
 from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose
 from acp_lab.diagnosis.frame_evidence import PartObserver, image_motion
@@ -20,6 +23,8 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.method import ACP, Method
+from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker
@@ -190,6 +195,30 @@ def test_motion_beyond_the_search(part: Part, model: PreparedPart, truth: list[F
     assert "reach_px of at least 4" in finding.advice
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_motion_is_measured_from_the_trackers_own_prediction(part: Part, model: PreparedPart, known: bool) -> None:
+    """A steady motion surprises a tracker that expects rest, and one of constant velocity not at all."""
+    step = np.array([0.0, 0.0, 0.0, 5.0, 3.0, 0.0])
+    truth = poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 250.0, 0.3), TROUBLE + 1, step)
+    images = [draw([(part, pose)], seed) for seed, pose in enumerate(truth)]
+    centres = [CAMERA.project(transform(pose, part.box_centre)[None])[0] for pose in truth]
+    step_px = np.linalg.norm(centres[-1] - centres[-2])
+    # A limit of 2 px, whatever the reach.
+    config = DiagnosisConfig(recovery_px=2.0 - PartObserver(part).reach_px(CAMERA, truth[-1]))
+    found = {}
+    for prediction in (LastPosePrediction(), ConstantVelocityPrediction()):
+        tracker = Tracker(model, replace(ACP, prediction=prediction))
+        run = tracker.run(MadeSequence(images, {1: truth}), truth[0])
+        assert add_percent(part, run.results[1][-1].cam_T_obj, truth[-1]) < 2.0
+        # Of a good frame nobody asks how the part moved.
+        weak = replace(run.results[1][-1], quality=0.2, state=TrackState.WEAK)
+        weakened = replace(run, results={1: (*run.results[1][:-1], weak)})
+        diagnosis = diagnose(weakened if known else without_truth(weakened), -1, config=config)
+        found[prediction.kind] = [f.measured for f in diagnosis.findings if f.cause is Cause.FAST_MOTION]
+    assert found["last-pose"] == [pytest.approx(step_px, abs=1.0)]
+    assert found["constant-velocity"] == []
+
+
 def test_partly_outside(part: Part, model: PreparedPart, truth: list[FloatArray]) -> None:
     leaving = [pose.copy() for pose in truth]
     for number, pose in enumerate(leaving):
@@ -285,6 +314,27 @@ def test_a_part_turned_by_its_symmetry_is_right() -> None:
     weak = [replace(result, quality=0.2, state=TrackState.WEAK) for result in run.results[1][TROUBLE:]]
     weakened = replace(run, results={1: (*run.results[1][:TROUBLE], *weak)})
     assert Cause.FAST_MOTION not in diagnose(weakened, TROUBLE, config=DiagnosisConfig(recovery_px=0.0)).causes
+
+
+def test_the_settings_that_advice_names_exist() -> None:
+    """What helps is said as Class.setting; every one is part of a method."""
+    named = set(re.findall(r"\b([A-Z][A-Za-z]*)\.([a-z_]+)", Path(causes.__file__).read_text(encoding="utf-8")))
+    of_method = dict(_settings(Method()))
+    asked = {(owner, name) for owner, name in named if owner not in ("Cause", "DiagnosisConfig")}
+    assert ("SecondTries", "shift_px") in asked
+    for owner, name in asked:
+        assert name in of_method.get(owner, ()), f"{owner}.{name}"
+
+
+def _settings(config: object) -> Iterator[tuple[str, set[str]]]:
+    """All configuration classes inside a configuration, with the names of their settings."""
+    if isinstance(config, tuple):
+        for item in config:
+            yield from _settings(item)
+    elif is_dataclass(config):
+        yield type(config).__name__, {item.name for item in fields(config)}
+        for item in fields(config):
+            yield from _settings(getattr(config, item.name))
 
 
 # ---- the measurements --------------------------------------------------------------------------------------------

@@ -37,20 +37,34 @@ def true_pose(frame_id: int, object_id: int = 1) -> FloatArray:
 
 
 def result(frame: Frame | UnreadableFrame, object_id: int) -> TrackResult:
-    """One millimetre off in x; the fifth of the edge points has no image edge."""
+    """One millimetre off in x, predicted there; the fifth of the edge points has no image edge."""
     cam_T_obj = true_pose(frame.index, object_id)
     cam_T_obj[0, 3] += 1.0
     quad = CAMERA.project(transform(cam_T_obj, W))
     if isinstance(frame, UnreadableFrame):
         return TrackResult(
-            frame.index, cam_T_obj, quad, 0.0, 0.0, TrackState.LOST, 0, None, None, 0, Timings(), frame.reason
+            frame.index,
+            cam_T_obj,
+            cam_T_obj,
+            quad,
+            0.0,
+            0.0,
+            TrackState.LOST,
+            0,
+            None,
+            None,
+            0,
+            Timings(),
+            frame.reason,
         )
     points = quad[0] + np.linspace(0.0, 1.0, 9)[:, None] * (quad[1] - quad[0])
     edges = GeneratedEdges(points, np.tile([1.0, 0.0], (9, 1)), np.ones(9), np.arange(9))
     residuals = np.linspace(-4.0, 4.0, 9)
     residuals[4] = np.nan
     timings = Timings(search_s=0.003, total_s=0.006)
-    return TrackResult(frame.index, cam_T_obj, quad, 1.5, 0.8, TrackState.TRACKING, 2, edges, residuals, 10, timings)
+    return TrackResult(
+        frame.index, cam_T_obj, cam_T_obj, quad, 1.5, 0.8, TrackState.TRACKING, 2, edges, residuals, 10, timings
+    )
 
 
 def recorded(frame: Frame | UnreadableFrame, object_id: int) -> TrackResult:

@@ -15,11 +15,17 @@ import pytest
 from acp_lab.display.replay.images import JPEG_QUALITY, MOST_BYTES_PER_PIXEL, MOST_WAITING, encode_jpeg
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
+from acp_lab.geometry.pose import transform
+from acp_lab.prepared_part import Trained
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.method import ACP
 from acp_lab.tracking.observer import SessionInfo, TrackedObject
 from acp_lab.tracking.result import TrackResult, TrackState
+from acp_lab.tracking.session import track_sequence
+from acp_lab.tracking.tracker import Tracker
 from tests.display.made_run import CAMERA, FRAME_IDS, STEPS, box, frames, play, recorded, result, true_pose
 from tests.display.recording import Recording
+from tests.prepared_sample import sample_model, sample_scene
 
 WANTED = (
     "image",
@@ -120,6 +126,30 @@ def test_known_times_are_taken(tmp_path: Path) -> None:
     replay.on_end()
     rows = Recording.read(tmp_path / "run.rrd").on_frames("/curves/quality/obj_000001", "scalars")
     assert [row.time_s for row in rows] == pytest.approx([0.0, 0.5])
+
+
+# ---- the method's own control points ---------------------------------------------------------------------------
+
+
+def test_the_control_points_that_are_drawn_are_the_methods_own(tmp_path: Path) -> None:
+    """Regressed W, here those of the middle section shifted: 3D points and the quad of the true pose are theirs."""
+    scene, model = sample_scene(), sample_model()
+    off_mm = np.array([3.0, -2.0, 4.0])
+    regressed = {region: model.control_points(region, "mid-section") + off_mm for region in range(6)}
+    chosen = replace(model, regressed_points=Trained(regressed))
+    tracker = Tracker(chosen, replace(ACP, control_points="regressed"))
+    replay = Replay(tmp_path / "run.rrd")
+    run = track_sequence({1: tracker}, scene, {1: scene.first_pose}, [replay], max_frames=2)
+    found = run.results[1][1]
+    recording = Recording.read(tmp_path / "run.rrd")
+    shown = recording.of("/mesh/obj_000001/control_points", "positions")
+    np.testing.assert_allclose(shown[-1].value, regressed[found.region], atol=1e-4)
+    true_quads = recording.on_frames("/camera/truth/obj_000001", "strips")
+    expected = scene.camera(1).project(transform(scene.truth(1, 1), regressed[found.region])) + 0.5
+    np.testing.assert_allclose(true_quads[1].value[0][:4], expected, atol=1e-3)
+    # The tracked quad lies beside the true one, which it would not if one of them were the middle section's.
+    tracked = recording.on_frames("/camera/control_points/obj_000001", "positions")[1].value
+    np.testing.assert_allclose(tracked, expected, atol=2.0)
 
 
 # ---- values against the run ------------------------------------------------------------------------------------

@@ -179,9 +179,10 @@ def test_the_regions_of_each_generator(model: PreparedPart) -> None:
     assert model.regions_by_generator == {"learned": (0, 4), "templates": everywhere, "autoencoder": ()}
     assert painted(model).regions_by_generator["autoencoder"] == (1, 3)
     best = model.best_generator()
-    assert best.regions == (0, 4)
     assert isinstance(best, VisibilityNetwork)
     assert best.fallback is model.templates
+    assert best.regions == everywhere  # where there is no network, the templates answer
+    assert replace(model, templates=None).best_generator().regions == (0, 4)
     assert replace(model, networks=Trained()).best_generator().regions == everywhere
     without = replace(model, networks=Trained(), templates=None)
     assert set(without.regions_by_generator.values()) == {()}

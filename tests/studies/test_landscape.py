@@ -6,13 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from acp_lab.tracking.measure import DistanceMeasure
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.landscape import CONTROL_COORDINATES, POSE_COORDINATES, LossSurface, Space
-from acp_lab.tracking.solvers import SolverConfig
+from acp_lab.tracking.solvers import GaussNewton, LevenbergMarquardt, Solver
+from acp_lab.tracking.targets.distance_map import DistanceMeasure
 from tests.prepared_sample import sample_model, sample_scene
 
 U, V = CONTROL_COORDINATES[:2]
@@ -48,11 +48,11 @@ def test_slices_and_solver_agree(space: Space) -> None:
 
 
 @pytest.mark.parametrize("space", ["control-points", "pose"])
-@pytest.mark.parametrize("name", ["gauss-newton", "levenberg-marquardt"])
-def test_the_way_goes_down_from_its_start(space: Space, name: str) -> None:
+@pytest.mark.parametrize("solver", [GaussNewton(steps=10), LevenbergMarquardt(steps=10)], ids=lambda s: s.kind)
+def test_the_way_goes_down_from_its_start(space: Space, solver: Solver) -> None:
     offsets = np.zeros(8 if space == "control-points" else 6)
     offsets[:2] = (6.0, -5.0) if space == "control-points" else (0.05, -0.04)
-    way = surface().descend(space, offsets, "geman-mcclure", (surface().alpha_px,), SolverConfig(name=name, steps=10))
+    way = surface().descend(space, offsets, "geman-mcclure", (surface().alpha_px,), solver)
     np.testing.assert_allclose(way.offsets[0], offsets, atol=1e-9)
     assert len(way.loss) == len(way.offsets) > 3
     measure = DistanceMeasure(surface().target, "geman-mcclure", surface().alpha_px)
@@ -63,7 +63,7 @@ def test_the_way_goes_down_from_its_start(space: Space, name: str) -> None:
 def test_the_printed_form_is_looked_at_and_breaks_nothing() -> None:
     over = surface().slice("control-points", U, V, (16.0, 16.0), 5)
     assert over.values("printed", 5.0).min() < 0.0  # beyond the pole
-    way = surface().descend("control-points", np.full(8, 3.0), "printed", (5.0,), SolverConfig(steps=6))
+    way = surface().descend("control-points", np.full(8, 3.0), "printed", (5.0,), GaussNewton(steps=6))
     assert np.isfinite(way.offsets).all()
 
 

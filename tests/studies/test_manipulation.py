@@ -13,7 +13,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.studies.manipulation import ManipulationBench, ManipulationStudy
-from acp_lab.tracking.frame_view import View
+from acp_lab.tracking.frame_view import Estimate
 from tests.prepared_sample import sample_model, sample_scene
 
 
@@ -82,9 +82,9 @@ def test_an_edge_painter_works_in_the_canonical_frame_of_the_pose_of_the_points(
     seen = []
 
     class Painter:
-        def generate(self, view: View, control_points: np.ndarray) -> GeneratedEdges:
-            seen.append(view)
-            return painted.true_edges(view.pose(control_points))
+        def generate(self, at: Estimate, count: int) -> GeneratedEdges:
+            seen.append(at.view)
+            return painted.true_edges(at.cam_T_obj)
 
     painted._painter = Painter()
     pose = moved((0.0, 8.0, 0.0))

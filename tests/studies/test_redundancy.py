@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,11 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.studies.redundancy import drift, misfit_px, redundant_directions, rigid_share
-from acp_lab.tracking.method import MethodConfig
-from acp_lab.tracking.method_tracker import MethodTracker
+from acp_lab.tracking.method import ACP_PAPER
+from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.sources.rigid import CadSamples
+from acp_lab.tracking.tracker import Tracker
 from tests.prepared_sample import sample_model, sample_scene
 
 CENTRE = np.array([3.0, -4.0, 5.0])
@@ -48,8 +52,13 @@ def test_misfit_is_a_root_mean_square_over_the_points(camera: Camera) -> None:
 
 def test_drift_of_a_run() -> None:
     scene, model = sample_scene(), sample_model()
-    config = MethodConfig(generator="templates", control_points="mid-section", carry="points")
-    tracker = MethodTracker(model, config)
+    method = replace(
+        ACP_PAPER,
+        source=CadSamples("templates", inset_outlines=True),
+        control_points="mid-section",
+        variables=ControlPointVariables(carry="points"),
+    )
+    tracker = Tracker(model, method)
     results = (tracker.start(scene.frame(0), scene.first_pose), *(tracker.track(scene.frame(i)) for i in (1, 2)))
     run = TrackRun("sample", 1, "points", {1: results})
     one = drift(run, scene, model.part, lambda region: model.control_points(region, "mid-section"))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from acp_lab.tracking.targets.image_edges import image_patch
 
 from acp_lab.display.plots.edge_finding import draw_profile, profile
+from acp_lab.imaging.edge_search import image_patch
 from tests.display.blank_axes import axes_of
 
 STEP = np.repeat(np.where(np.arange(60) < 31, 40, 160).astype(np.uint8)[None], 40, 0)
