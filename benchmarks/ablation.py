@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from acp_lab.sequences.bop import BopScene
     from acp_lab.sequences.frame import Frame, UnreadableFrame
     from acp_lab.sequences.protocol import Sequence
-    from acp_lab.tracking.method import MethodConfig
+    from acp_lab.tracking.method import Method
 
+METHOD_NAMES = ("acp-paper", "direct-6dof", "unoptimised-points")
 ALPHAS = (0.035, 0.05, 0.07, 0.10)
 SCHEDULES = ((1.0,), (1.0, 0.6, 0.4))
 STEPS = 12
@@ -66,22 +67,24 @@ class DecodedScene:
         return iter(self._frames[:max_frames])
 
 
-def settings(method: MethodConfig) -> Iterator[tuple[str, MethodConfig]]:
+def settings(method: Method) -> Iterator[tuple[str, Method]]:
     """The searched variants of a method, by name; the levels share the steps, so that all cost about the same."""
-    for alpha, schedule in product(ALPHAS, SCHEDULES):
-        loss = replace(method.loss, alpha=alpha, schedule=schedule)
-        name = f"alpha {alpha:g}, {'annealed' if len(schedule) > 1 else 'fixed'}"
-        yield name, replace(method, loss=loss, solver=replace(method.solver, steps=STEPS // len(schedule)))
+    from acp_lab.tracking.schedule import ShareSchedule
+
+    own = method.schedule if isinstance(method.schedule, ShareSchedule) else ShareSchedule()
+    for alpha, shares in product(ALPHAS, SCHEDULES):
+        name = f"alpha {alpha:g}, {'annealed' if len(shares) > 1 else 'fixed'}"
+        schedule, solver = replace(own, alpha=alpha, shares=shares), replace(method.solver, steps=STEPS // len(shares))
+        yield name, replace(method, schedule=schedule, solver=solver)
 
 
-def track(root: Path, parts: Path, methods: list[tuple[str, str, MethodConfig]]) -> Iterator[Track]:
-    """Run (method, setting, configuration) on every scene of a data set whose part has an auto-encoder."""
-    from acp_lab.tracking.method_tracker import MethodTracker
-
+def track(root: Path, parts: Path, methods: list[tuple[str, str, Method]]) -> Iterator[Track]:
+    """Run (name, setting, method) on every scene of a data set whose part has an auto-encoder."""
     from acp_lab.errors import AcpLabError
     from acp_lab.evaluation import evaluate
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
+    from acp_lab.tracking.tracker import Tracker
 
     dataset = BopDataset(root)
     for scene_id in dataset.scenes():
@@ -91,13 +94,12 @@ def track(root: Path, parts: Path, methods: list[tuple[str, str, MethodConfig]])
         try:
             model = PreparedPart.load(parts / dataset.name / f"obj_{object_id:06d}", dataset.part_path(object_id))
             decoded = cast("Sequence", DecodedScene(scene))
-            for method, setting, config in methods:
-                run = MethodTracker(model, config).run(decoded, scene.first_pose)
+            for method_name, setting, method in methods:
+                run = Tracker(model, method).run(decoded, scene.first_pose)
                 scored = evaluate(run, scene).objects[0]
                 errors = np.array(scored.errors.distance, float)
-                yield Track(
-                    name, method, setting, errors, 1e3 * median(r.timings.total_s for r in run.results[object_id][1:])
-                )
+                ms = 1e3 * median(result.timings.total_s for result in run.results[object_id][1:])
+                yield Track(name, method_name, setting, errors, ms)
         except AcpLabError as error:
             print(f"{name}: left out: {error}")
 
@@ -151,8 +153,8 @@ def main() -> None:
     from acp_lab.tracking.method_file import read_method
 
     print(f"CPU: {machine.cpu_model()}; one thread")
-    wanted = [*METHODS.values(), *map(read_method, options.config)]
-    methods = [(method.name, name, config) for method in wanted for name, config in settings(method)]
+    wanted = [*(METHODS[name] for name in METHOD_NAMES), *map(read_method, options.config)]
+    methods = [(method.name, name, variant) for method in wanted for name, variant in settings(method)]
     tracks = [item for root in options.datasets for item in track(root, options.parts, methods)]
     if options.json is not None:
         kept = [{**vars(item), "errors": item.errors.round(5).tolist()} for item in tracks]

@@ -27,7 +27,7 @@ import numpy as np  # noqa: E402
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from acp_lab.tracking.method import MethodConfig
+    from acp_lab.tracking.method import Method
 
 LIMITS = (0.02, 0.05, 0.10)
 STEPS = (1, 2)
@@ -44,33 +44,43 @@ class Track:
     errors: np.ndarray
 
 
-def methods() -> Iterator[MethodConfig]:
+def methods() -> Iterator[Method]:
     """The variables and directions that are compared."""
-    from acp_lab.tracking.method import MethodConfig, TargetConfig
+    from acp_lab.imaging.edge_search import SearchConfig
+    from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+    from acp_lab.tracking.method import ACP_PAPER
+    from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
+    from acp_lab.tracking.prediction import ConstantVelocityPrediction
+    from acp_lab.tracking.priors import RigidityPrior
+    from acp_lab.tracking.sources.rigid import CadSamples
+    from acp_lab.tracking.targets.normals import NormalSearch
 
-    pose = MethodConfig(
+    pose = replace(
+        ACP_PAPER,
         name="pose",
-        generator="learned",
-        variables="pose",
+        source=CadSamples("learned", inset_outlines=True),
+        variables=PoseVariables(),
         control_points="mid-section",
-        target=TargetConfig(search="normals"),
-        prediction="constant-velocity",
-        learned_weights=True,
+        targets=(NormalSearch(SearchConfig(blur_px=0.7), bind="step", min_score=0.0),),
+        prediction=ConstantVelocityPrediction(rest_below=-1.0),
+        # Of every frame, and for all levels.
+        learning=SampleLearning(offsets=Off(), learn_above=-1.0, trust_from_sigma_px=float("inf")),
     )
     yield pose
-    points = replace(pose, variables="control-points")
-    yield replace(points, name="control points, exact Jacobian, prior 0.1", direction="autograd", rigid_prior=0.1)
-    yield replace(points, name="control points, homography, prior 0.3", rigid_prior=0.3)
+    exact, homography = ControlPointVariables(direction="autograd"), ControlPointVariables(direction="homography")
+    name = "control points, exact Jacobian, prior 0.1"
+    yield replace(pose, name=name, variables=exact, priors=(RigidityPrior(0.1),))
+    name = "control points, homography, prior 0.3"
+    yield replace(pose, name=name, variables=homography, priors=(RigidityPrior(0.3),))
 
 
 def track(root: Path, parts: Path) -> Iterator[Track]:
     """Run every method, at every frame step, on every scene of a data set."""
-    from acp_lab.tracking.method_tracker import MethodTracker
-
     from acp_lab.evaluation import add_mm
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
     from acp_lab.sequences.frame import Frame
+    from acp_lab.tracking.tracker import Tracker
 
     dataset = BopDataset(root)
     for scene_id in dataset.scenes():
@@ -80,16 +90,16 @@ def track(root: Path, parts: Path) -> Iterator[Track]:
         model = PreparedPart.load(parts / dataset.name / f"obj_{object_id:06d}", dataset.part_path(object_id))
         meta = root / "test" / f"{scene_id:06d}" / "scene_meta.json"
         kind = json.loads(meta.read_text()).get("kind", "") if meta.exists() else ""
-        for config in methods():
+        for method in methods():
             for step in STEPS:
-                tracker = MethodTracker(model, config)
+                tracker = Tracker(model, method)
                 tracker.start(frames[0], scene.first_pose)
                 errors = []
                 for frame in frames[step::step]:
                     pose, truth = tracker.track(frame).cam_T_obj, scene.truth(frame.index, object_id)
                     assert truth is not None, f"{root}, scene {scene_id}: frame {frame.index} has no truth"
                     errors.append(add_mm(model.part.vertices, pose, truth) / model.part.diameter)
-                yield Track(f"{dataset.name}/{scene_id}", kind, config.name, step, np.array(errors))
+                yield Track(f"{dataset.name}/{scene_id}", kind, method.name, step, np.array(errors))
 
 
 def print_table(tracks: list[Track]) -> dict[str, dict[str, list[float]]]:

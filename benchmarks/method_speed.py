@@ -1,7 +1,7 @@
 """Time per frame of several methods on one scene, side by side: every frame is given to each method in turn.
 
 So a machine that is slow for a minute is slow for all of them. From truth, no resets, one thread; frames are decoded
-before, the first frame left out. Methods beside the three of the paper: acp, where its parts are at hand.
+before, the first frame left out. Methods: those of the paper, and acp where its parts are at hand.
 
 Example: python -m benchmarks.method_speed path/to/dataset --scene 1 --parts out/parts
 (a part prepared before: acp-lab prepare MESH --out out/parts/DATASET --generator autoencoder --regions K, and for acp
@@ -23,14 +23,12 @@ machine.limit_threads(1)
 import numpy as np  # noqa: E402
 
 if TYPE_CHECKING:
-    from acp_lab.tracking.method_tracker import MethodTracker
-
     from acp_lab.sequences.bop import BopScene
     from acp_lab.tracking.tracker import Tracker
 
 
 def frame_times(
-    trackers: dict[str, Tracker | MethodTracker], scene: BopScene, start: np.ndarray, repeats: int
+    trackers: dict[str, Tracker], scene: BopScene, start: np.ndarray, repeats: int
 ) -> dict[str, np.ndarray]:
     """(frames * repeats,) ms of each tracker, from the decoded frame to the pose."""
     frames = list(scene.frames())
@@ -57,11 +55,9 @@ def main() -> None:
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
 
-    from acp_lab.tracking.method_tracker import MethodTracker
-
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
-    from acp_lab.tracking.method import METHODS
+    from acp_lab.tracking.method import ACP, METHODS
     from acp_lab.tracking.tracker import Tracker
 
     dataset = BopDataset(options.dataset)
@@ -72,11 +68,11 @@ def main() -> None:
     def prepared(folder: Path) -> PreparedPart:
         return PreparedPart.load(folder / dataset.name / f"obj_{object_id:06d}", mesh)
 
-    trackers: dict[str, Tracker | MethodTracker] = {}
+    trackers: dict[str, Tracker] = {}
     if options.acp_parts:
-        trackers["acp"] = Tracker(prepared(options.acp_parts))
+        trackers[ACP.name] = Tracker(prepared(options.acp_parts))
     model = prepared(options.parts)
-    trackers |= {name: MethodTracker(model, config) for name, config in METHODS.items()}
+    trackers |= {name: Tracker(model, method) for name, method in METHODS.items() if method is not ACP}
     times = frame_times(trackers, scene, start, options.repeats)
 
     camera = scene.camera(scene.frame_ids[0])
