@@ -24,58 +24,82 @@ machine.limit_threads(1)
 import numpy as np  # noqa: E402
 
 if TYPE_CHECKING:
-    from acp_lab.tracking.method import MethodConfig
+    from acp_lab.tracking.losses import LossForm
+    from acp_lab.tracking.method import Method
 
 LIMITS = (0.02, 0.05, 0.10)
 
 
-def paper_choices() -> Iterator[tuple[str, MethodConfig]]:
+def paper_choices() -> Iterator[tuple[str, Method]]:
     """The paper's path on the visibility network's edges, and one change each."""
-    from acp_lab.tracking.method import ACP_PAPER, LossConfig
+    from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
+    from acp_lab.tracking.priors import RigidityPrior
+    from acp_lab.tracking.schedule import ShareSchedule
+    from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 
-    base = replace(ACP_PAPER, generator="learned", control_points="mid-section")
+    base = on_exact_edges()
     yield "base", base
-    for form in ("saturating", "tukey", "logistic"):
-        yield f"loss {form}", replace(base, loss=replace(base.loss, form=form))
+    forms: tuple[LossForm, ...] = ("saturating", "tukey", "logistic")
+    for form in forms:
+        yield f"loss {form}", replace(base, targets=(DistanceMap(loss=form),))
     for alpha in (0.035, 0.07):
-        yield f"alpha {alpha:g}", replace(base, loss=replace(base.loss, alpha=alpha))
+        yield f"alpha {alpha:g}", replace(base, schedule=ShareSchedule(alpha=alpha))
     for alpha in (0.035, 0.05, 0.07):
         yield f"alpha {alpha:g}, fixed", replace(
-            base, loss=LossConfig(alpha=alpha, schedule=(1.0,)), solver=replace(base.solver, steps=12)
+            base, schedule=ShareSchedule(alpha=alpha, shares=(1.0,)), solver=replace(base.solver, steps=12)
         )
     for blur in (1.0, 1.5, 2.0):
-        yield f"blur {blur:g} px", replace(base, target=replace(base.target, blur_px=blur))
-    yield "median filter", replace(base, target=replace(base.target, denoise="median"))
+        yield f"blur {blur:g} px", replace(base, targets=(DistanceMap(edge_map=EdgeMapConfig(blur_px=blur)),))
+    yield "median filter", replace(base, targets=(DistanceMap(edge_map=EdgeMapConfig(denoise="median")),))
     for bins in (4, 8):
-        yield f"{bins} orientation bins", replace(base, target=replace(base.target, orientation_bins=bins))
-    yield "I carried", replace(base, carry="points")
-    for prior in (0.1, 0.3):
-        yield f"rigidity prior {prior:g}", replace(base, rigid_prior=prior)
-    yield "edges generated anew", replace(base, direction="regeneration")
-    yield "pose", replace(base, variables="pose")
+        edge_map = EdgeMapConfig(orientation_bins=bins)
+        yield f"{bins} orientation bins", replace(base, targets=(DistanceMap(edge_map=edge_map),))
+    yield "I carried", replace(base, variables=ControlPointVariables(carry="points"))
+    for weight in (0.1, 0.3):
+        yield f"rigidity prior {weight:g}", replace(base, priors=(RigidityPrior(weight),))
+    yield "edges generated anew", replace(base, variables=ControlPointVariables(direction="differences"))
+    yield "pose", replace(base, variables=PoseVariables())
 
 
-def search_choices() -> Iterator[tuple[str, MethodConfig]]:
+def search_choices() -> Iterator[tuple[str, Method]]:
     """A pose on the same edges: from the distance map to the search along normals with memory and prediction."""
-    from acp_lab.tracking.method import ACP_PAPER
+    from acp_lab.imaging.edge_search import SearchConfig
+    from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+    from acp_lab.tracking.motions import PoseVariables
+    from acp_lab.tracking.prediction import ConstantVelocityPrediction
+    from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
+    from acp_lab.tracking.targets.normals import NormalSearch
 
-    pose = replace(ACP_PAPER, generator="learned", control_points="mid-section", variables="pose")
+    pose = replace(on_exact_edges(), variables=PoseVariables())
     yield "distance map", pose
-    yield "distance map, 8 orientation bins", replace(pose, target=replace(pose.target, orientation_bins=8))
-    normals = replace(pose, target=replace(pose.target, search="normals"))
+    yield (
+        "distance map, 8 orientation bins",
+        replace(pose, targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),)),
+    )
+    normals = replace(pose, targets=(NormalSearch(SearchConfig(blur_px=0.7), bind="step", min_score=0.0),))
+    # Of every frame, and for all levels.
+    memory = SampleLearning(offsets=Off(), learn_above=-1.0, trust_from_sigma_px=float("inf"))
+    prediction = ConstantVelocityPrediction(rest_below=-1.0)
     yield "normals", normals
-    yield "normals, memory", replace(normals, learned_weights=True)
-    yield "normals, prediction", replace(normals, prediction="constant-velocity")
-    yield "normals, memory, prediction", replace(normals, learned_weights=True, prediction="constant-velocity")
+    yield "normals, memory", replace(normals, learning=memory)
+    yield "normals, prediction", replace(normals, prediction=prediction)
+    yield "normals, memory, prediction", replace(normals, learning=memory, prediction=prediction)
 
 
-def scores(root: Path, parts: Path, methods: dict[str, MethodConfig]) -> dict[str, dict[str, float]]:
+def on_exact_edges() -> Method:
+    """The paper's path on the visibility network's edges, with the control points of the middle section."""
+    from acp_lab.tracking.method import ACP_PAPER
+    from acp_lab.tracking.sources.rigid import CadSamples
+
+    return replace(ACP_PAPER, source=CadSamples("learned", inset_outlines=True), control_points="mid-section")
+
+
+def scores(root: Path, parts: Path, methods: dict[str, Method]) -> dict[str, dict[str, float]]:
     """Per method: share of frames below each limit, mean over scenes and of the first scene."""
-    from acp_lab.tracking.method_tracker import MethodTracker
-
     from acp_lab.evaluation import evaluate
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
+    from acp_lab.tracking.tracker import Tracker
 
     dataset = BopDataset(root)
     shares: dict[str, list[list[float]]] = {name: [] for name in methods}
@@ -83,8 +107,8 @@ def scores(root: Path, parts: Path, methods: dict[str, MethodConfig]) -> dict[st
         scene = dataset.open_scene(scene_id)
         object_id = scene.object_ids[0]
         model = PreparedPart.load(parts / dataset.name / f"obj_{object_id:06d}", dataset.part_path(object_id))
-        for name, config in methods.items():
-            run = MethodTracker(model, config).run(scene, scene.first_pose)
+        for name, method in methods.items():
+            run = Tracker(model, method).run(scene, scene.first_pose)
             errors = np.array(evaluate(run, scene).objects[0].errors.distance, float)
             shares[name].append([float((errors < limit).mean()) for limit in LIMITS])
     rows = {}
