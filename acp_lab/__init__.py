@@ -5,7 +5,8 @@
     part = acp.Part.from_file("bracket.ply")
     model = acp.prepare(part)
     scene = acp.open_sequence("dataset/test/000001")
-    run = acp.Tracker(model).run(scene, start=scene.first_pose, observers=[acp.Replay("run.rrd")])
+    tracker = acp.Tracker(model)  # or acp.Tracker(model, method="acp-paper"); acp.METHODS has all
+    run = tracker.run(scene, start=scene.first_pose, observers=[acp.Replay("run.rrd")])
     print(acp.evaluate(run, scene))
 
 The names above are loaded when they are first used, so that `import acp_lab` itself stays light.

@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 
-from acp_lab.errors import SequenceError
+from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
@@ -66,13 +66,11 @@ class FrameStory:
         return right
 
 
-def frame_story(
-    model: PreparedPart, sequence: Sequence, number: int, method: Method | str = ACP
-) -> FrameStory:
+def frame_story(model: PreparedPart, sequence: Sequence, number: int, method: Method | str = ACP) -> FrameStory:
     """Track a sequence of one object from its true first pose, and record the stages of its frame `number` (from 0).
 
     Raises SequenceError for a frame before the third, after the last, without image or without truth, and when the
-    part was not seen there.
+    part was not seen there; TrackingError for a method that does not search for CAD samples along normals.
     """
     object_id, start = sequence.object_ids[0], sequence.first_pose
     frames = list(islice(sequence.frames(), number + 1))
@@ -83,6 +81,8 @@ def frame_story(
     if cam_T_true is None:
         raise SequenceError(f"{sequence.name}: frame {number} has no truth: choose another")
     tracker = Tracker(model, method)
+    if not (tracker.method.targets[0].searches and tracker.method.source.knows_samples):
+        raise TrackingError(f"method {tracker.name} does not search for CAD samples along normals: take acp")
     tracker.start(frames[0], start)
     for before in frames[1:-1]:
         tracker.track(before)
@@ -104,7 +104,6 @@ def _first_search(tracker: Tracker, frame: Frame, pose: FloatArray) -> NormalMea
     if seen is None:
         return None
     target, at = seen.targets[0], seen.view.at_pose(pose)
-    if not isinstance(target, NormalTarget):
-        raise SequenceError(f"method {tracker.name} does not search along normals: take one that does, such as acp")
+    assert isinstance(target, NormalTarget), "a target that searches along normals"
     level = tracker.solver.levels_at(at)[0]
     return target.search(tracker.solver.source.generate(at, level.samples), at, level)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from acp_lab.errors import SequenceError
+from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.studies.frame_story import FrameStory, frame_story
+from acp_lab.tracking.method import ACP, ACP_PAPER
+from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
+from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.tracker import Tracker
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -42,6 +47,22 @@ def test_the_story_is_that_of_the_tracker(sequence: AlteredSequence, story: Fram
     run = Tracker(sample_model()).run(sequence, sequence.first_pose)
     np.testing.assert_allclose(story.result.cam_T_obj, run.results[1][3].cam_T_obj, atol=1e-9)
     np.testing.assert_allclose(story.last, run.results[1][2].cam_T_obj, atol=1e-9)
+
+
+@pytest.mark.parametrize("prediction", [ConstantVelocityPrediction(), LastPosePrediction()], ids=lambda p: p.kind)
+def test_the_prediction_is_the_trackers_own(
+    sequence: AlteredSequence, prediction: ConstantVelocityPrediction | LastPosePrediction
+) -> None:
+    story = frame_story(sample_model(), sequence, 2, replace(ACP, prediction=prediction))
+    np.testing.assert_array_equal(story.predicted, story.result.predicted)
+    np.testing.assert_array_equal(story.observation.at.cam_T_obj, story.predicted)
+    assert np.allclose(story.predicted, story.last) == (prediction.kind == "last-pose")
+
+
+def test_a_method_without_a_search_cannot_be_told(sequence: AlteredSequence) -> None:
+    method = replace(ACP_PAPER, source=CadSamples(), control_points="mid-section")
+    with pytest.raises(TrackingError, match="acp-paper does not search"):
+        frame_story(sample_model(), sequence, 2, method)
 
 
 @pytest.mark.parametrize("number", [-1, 0, 1, 40])
