@@ -8,6 +8,7 @@ import pytest
 from acp_lab.cad.part import Part
 from acp_lab.errors import PreparationError, TrackingError
 from acp_lab.generator.painted.edge_points import ridge
+from acp_lab.generator.painted.image_generator import PointSet
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
@@ -20,6 +21,7 @@ from acp_lab.tracking.sources.painted import (
     view_to_canonical,
 )
 from tests.made_parts import looking_at
+from tests.tracking.lit_part import lit_part
 from tests.tracking.rendered import CAMERA
 from tests.tracking.views import LeftHalf, PaintedLines, prior_of, view_at
 
@@ -96,19 +98,18 @@ def test_a_painted_image_chooses_among_the_samples_of_the_model(view: View, mode
     np.testing.assert_allclose(by_chain, by_differences, atol=0.02)
 
 
-def test_the_regressed_or_the_mid_section_points_paint(view: View, model: PreparedPart) -> None:
-    """W in use decides which of the generator's two regressors is asked, and with which region."""
-    asked: list[tuple[int, str]] = []
-
-    class Asked(PaintedLines):
-        def edge_image(self, points, region, point_set="regressed"):  # type: ignore[no-untyped-def]
-            asked.append((region, point_set))
-            return super().edge_image(points, region, point_set)
-
-    for point_set in ("regressed", "mid-section"):
-        RidgeSource(Asked(), point_set, ridge, 0.3).generate(prior_of(view), 50)  # type: ignore[arg-type]
-        SampleSource(Asked(), point_set, model.edges, 0.0, 0.05).generate(prior_of(view), 50)  # type: ignore[arg-type]
-    assert asked == [(view.region, "regressed")] * 2 + [(view.region, "mid-section")] * 2
+@pytest.mark.parametrize("config", [PaintedRidges(), PaintedSamples()], ids=lambda config: config.kind)
+def test_the_regressed_or_the_mid_section_points_paint(
+    view: View, model: PreparedPart, config: PaintedRidges | PaintedSamples
+) -> None:
+    """W in use decides which of the generator's two regressors is asked, and the view with which region."""
+    lit = lit_part(model)
+    point_sets: tuple[PointSet, ...] = ("regressed", "mid-section")
+    for point_set in point_sets:
+        source = config.open(lit, point_set)
+        assert (source.regions, source.canonical_size) == (lit.lit.regions, lit.lit.size)
+        source.generate(prior_of(view), 50)
+    assert lit.lit.asked == [(view.region, "regressed"), (view.region, "mid-section")]
 
 
 @pytest.mark.parametrize("config", [PaintedRidges(), PaintedSamples()], ids=lambda config: config.kind)

@@ -10,16 +10,20 @@ import pytest
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage
+from acp_lab.geometry.camera import Camera
 from acp_lab.imaging.distance import distance_map
+from acp_lab.tracking.frame_view import FrameView
 from acp_lab.tracking.losses import LossForm, edge_loss
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets import QUALITY_SIGMA_PX
 from acp_lab.tracking.targets.distance_map import (
+    DistanceMap,
     DistanceMapTarget,
     DistanceTarget,
     EdgeMapConfig,
     distance_target,
 )
+from tests.made_parts import box
 
 WHOLE = (0, 0, 90, 70)
 
@@ -189,6 +193,29 @@ def test_a_measure_weighs_distances_by_its_loss_and_the_levels_alpha(
     mean = float(expected.values @ edges.weights / edges.weights.sum())
     assert seen.loss == pytest.approx(mean)
     assert measure.reported_loss(edges) == pytest.approx(mean)
+
+
+def test_a_methods_edge_map_is_made_of_the_views_box_as_it_is_set(square: ByteImage) -> None:
+    """Blur, denoiser, bins: each gives another map than the usual one; the crop is the view's."""
+    camera = Camera(90, 70, 100.0, 100.0, 44.5, 34.5)
+    view = FrameView(camera, np.eye(4), 4, np.zeros((4, 3)), box(), image=square, box=(20, 10, 75, 65))
+    usual = EdgeMapConfig()
+    for config in (
+        usual,
+        EdgeMapConfig(blur_px=3.0),
+        EdgeMapConfig(denoise="bilateral"),
+        EdgeMapConfig(orientation_bins=4),
+    ):
+        target = DistanceMap("tukey", config).see(view, None)  # type: ignore[arg-type]
+        expected = distance_target(square, view.box, config)
+        none = GeneratedEdges(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.intp))
+        bound = target.bind(none, None, Level(5, 2.0))  # type: ignore[arg-type]
+        shown = bound.judge(none, none, None).target_view  # type: ignore[arg-type]
+        assert shown.origin == expected.origin == (20, 10)
+        assert shown.distance_map is not None
+        np.testing.assert_array_equal(shown.distance_map, expected.maps[0])
+        plain = distance_target(square, view.box, usual).maps[0]
+        assert np.array_equal(shown.distance_map, plain) == (config == usual)
 
 
 def test_a_step_by_the_measure_goes_down_its_loss(line: tuple[DistanceTarget, GeneratedEdges]) -> None:
