@@ -118,7 +118,7 @@ class BruteForceCaster:
             u = np.einsum("rmk,rmk->rm", to_start, p) * scale
             v = np.einsum("rk,rmk->rm", way, q) * scale
             distance = np.einsum("rmk,mk->rm", q, self._edge2) * scale
-            # A hair of tolerance: a ray through the edge of two faces must not slip between them.
+            # A small tolerance: a ray through the edge of two faces must not slip between them.
             inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9) & (distance >= 0.0)
         return np.where(inside, distance, np.inf)
 

@@ -45,7 +45,7 @@ def rasterise(vertices_cam: FloatArray, faces: IntArray, camera: Camera) -> tupl
         x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
         wa, wb, wc = (side[owner, 0] * x + side[owner, 1] * y + side[owner, 2] for side in weights)
         total = wa + wb + wc
-        # A hair of tolerance: the pixel on the edge of two faces must not slip between them.
+        # A small tolerance: the pixel on the edge of two faces must not slip between them.
         hit = np.flatnonzero((np.minimum(np.minimum(wa, wb), wc) >= -1e-9 * total) & (total > 0.0))
         # Farthest first, so that of several faces on a pixel the nearest is written last.
         hit = hit[np.argsort(total[hit], kind="stable")]

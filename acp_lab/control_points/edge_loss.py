@@ -31,7 +31,7 @@ class EdgeLoss:
         """Mean over the pairs of  1 / (w h) * sqrt(sum of squared distances), for W (4, 3) mm."""
         squares = torch.zeros(len(self._maps), dtype=torch.float64)
         squares = squares.index_add(0, self._view, self.distances(points_obj) ** 2)
-        # The hair keeps the root's slope finite where every point hits.
+        # Epsilon keeps the square root's gradient finite where every point hits.
         return (squares + 1e-12).sqrt().mean() / self._maps[0].numel()
 
     def exact_distances(self) -> torch.Tensor:

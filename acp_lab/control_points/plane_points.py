@@ -1,6 +1,6 @@
 """Two ways to write four coplanar control points W as a vector that Adam may change (paper IV-C).
 
-Both are told in the axes of the box: u and v along the sides of the region's mid-section, a along the region's axis,
+Both are in the axes of the box: u and v along the sides of the region's mid-section, a along the region's axis,
 each in units of half the box (a plate counts as thicker, as in `region_scores`). The plane is a = o + s u + t v.
 
 - `printed`: the paper's 11 degrees of freedom, the plane's 3 and two for each point's place in the plane.

@@ -237,8 +237,8 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
             _check_frame_size(video, path)
         found, picture = video.read()
     if not found:
-        mend = "check its number and its cable" if is_device else "convert it, as to H.264"
-        raise InputFileError(f"{path}: gives no image: {mend}")
+        fix = "check its number and its cable" if is_device else "convert it, as to H.264"
+        raise InputFileError(f"{path}: gives no image: {fix}")
     return picture.shape[1], picture.shape[0]
 
 

@@ -1,6 +1,6 @@
-"""Reading and writing the small JSON files around a sequence, with errors that name file, value and mend.
+"""Reading and writing the small JSON files around a sequence, with errors that name file, value and fix.
 
-Convention: poses are told in BOP's words, `cam_R_m2c` (nine numbers, row by row) and `cam_t_m2c` (mm), which
+Convention: poses are named as in BOP, `cam_R_m2c` (nine numbers, row by row) and `cam_t_m2c` (mm), which
 are the rotation and translation of cam_T_obj.
 """
 

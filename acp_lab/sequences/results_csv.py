@@ -122,7 +122,7 @@ def run_info_path(results_path: Path) -> Path:
 def read_results(path: str | Path) -> tuple[ResultRow, ...]:
     """Read a results file; rotations come back orthonormal.
 
-    Raises InputFileError, one line naming file, line, value and mend, for a file that is missing or malformed
+    Raises InputFileError, one line naming file, line, value and fix, for a file that is missing or malformed
     and for a second row of the same scene, image and object.
     """
     path = Path(path)

@@ -1,11 +1,10 @@
 """The first frame: is the start pose exact enough to learn from, and if not, where is the part?
 
 A start pose is trusted when the frame agrees with it nearly as well as with the pose that the solver would rather
-have, and the
-two lie within a pixel or so: then the difference is the edges' own offset, not an error of the pose, and the
-offsets can be measured. They may lie somewhat further apart where the frame agrees with both equally: what the
-image cannot tell, whoever gave the pose can. Otherwise the part is searched around the start: the solver runs from
-a set of turned poses and the best fit wins.
+have, and the two lie within a pixel or so: then the difference is the edges' own offset, not an error of the pose,
+and the offsets can be measured. They may lie somewhat further apart where the frame agrees with both equally: what
+the image cannot tell, whoever gave the pose can. Otherwise the part is searched around the start: the solver runs
+from a set of turned poses and the best fit wins.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def ambient_shade(bodies: tuple[Placed, ...], size: int, samples: int, seed: int
 
 
 def _texels(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Table points (s*s, 3), a hair above it, and a shift (s*s, 2) of the sampling pattern for each."""
+    """Table points (s*s, 3), just above it, and a shift (s*s, 2) of the sampling pattern for each."""
     axis = np.linspace(-MAP_HALF_MM, MAP_HALF_MM, size)
     x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
     turn = np.stack([(x * 0.7548 + y * 0.5698) * 7.3, (x * 0.3819 - y * 0.8567) * 5.7], 1)

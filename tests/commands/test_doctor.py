@@ -24,10 +24,10 @@ def test_absent_things_are_no_failure(capsys: pytest.CaptureFixture[str], monkey
 
 
 def test_broken_things_are_a_failure(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "checks", _checks(Check(Verdict.BROKEN, "numpy\nis", "mend")))
+    monkeypatch.setattr(doctor, "checks", _checks(Check(Verdict.BROKEN, "numpy\nis", "fix")))
     outcome = run(capsys, "doctor")
     assert outcome.status == 1
-    assert outcome.out.splitlines()[0] == "BROKEN  numpy is: mend"
+    assert outcome.out.splitlines()[0] == "BROKEN  numpy is: fix"
 
 
 def test_requirements_that_are_not_met() -> None:

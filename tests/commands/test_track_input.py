@@ -1,4 +1,4 @@
-"""Bad input of `acp-lab track`: one line that names file and mend, exit 2, and older results stay."""
+"""Bad input of `acp-lab track`: one line that names file and fix, exit 2, and older results stay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Converters: what comes in comes out in the BOP layout, and what is wrong is one line with its mend."""
+"""Converters: what comes in comes out in the BOP layout, and what is wrong is one line with its fix."""
 
 from __future__ import annotations
 

@@ -186,7 +186,7 @@ def test_corners_clicked_on_model_and_image_give_the_pose(aligner: PoseAligner) 
         aligner.picture._handle_custom_msg(_click(pixel), [])
         assert aligner.pairs.count == number + 1
     assert add_percent(aligner.cam_T_obj) < 0.5
-    # A wrong one, dragged away, makes it worse; undo mends it; undo again takes the last pair away.
+    # A wrong one, dragged away, makes it worse; undo repairs it; undo again takes the last pair away.
     drag(aligner.picture, 0, pixels[0] + (30.0, 0.0))
     assert add_percent(aligner.cam_T_obj) > 0.5
     aligner.picture.undo()

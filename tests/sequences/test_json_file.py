@@ -54,11 +54,11 @@ def test_whatever_is_wrong_with_a_pose_file_is_one_line(tmp_path: Path, content:
 
 
 def test_missing_and_binary_files(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="no such file: mend it"):
-        read_json_object(tmp_path / "none.json", "mend it")
+    with pytest.raises(InputFileError, match="no such file: fix it"):
+        read_json_object(tmp_path / "none.json", "fix it")
     (tmp_path / "a.json").write_bytes(b"\xff\xfe\x00\x80")
-    with pytest.raises(InputFileError, match="UTF-8: mend it"):
-        read_json_object(tmp_path / "a.json", "mend it")
+    with pytest.raises(InputFileError, match="UTF-8: fix it"):
+        read_json_object(tmp_path / "a.json", "fix it")
 
 
 def test_writing_replaces_and_leaves_nothing_else(tmp_path: Path) -> None:
