@@ -62,7 +62,7 @@ def model(plate: Part, tmp_path_factory: pytest.TempPathFactory) -> PreparedPart
     return PreparedPart.load(folder)
 
 
-LIMIT_PERCENT = 8.0
+LIMIT_PERCENT = 6.0
 
 
 @pytest.fixture(scope="module")
