@@ -12,6 +12,7 @@ exact in position and always those of a rigid part.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import cv2
@@ -56,7 +57,7 @@ class GeneratedEdges:
             self.points[rows], self.tangents[rows], self.weights[rows], self.sample_ids[rows], self.outline[rows]
         )
 
-    @property
+    @cached_property
     def normals(self) -> np.ndarray:
         """(n, 2) unit, the tangents turned from x towards y."""
         return np.stack([-self.tangents[:, 1], self.tangents[:, 0]], 1)
