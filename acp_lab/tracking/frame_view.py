@@ -7,7 +7,7 @@ with the image, cropped to where the part may be.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -59,11 +59,6 @@ class View:
         centre_cam = transform(cam_T_obj, self.part.box_centre)
         return control_point_jacobian(transform(cam_T_obj, self.points_obj), centre_cam, self.camera)
 
-    def pose_jacobian(self, cam_T_obj: FloatArray, points_obj: FloatArray, directions: FloatArray) -> FloatArray:
-        """(n, 6) how projections of points_obj (n, 3) mm move along image directions (n, 2) by a step of a pose."""
-        points_cam, centre_cam = transform(cam_T_obj, points_obj), transform(cam_T_obj, self.part.box_centre)
-        return step_jacobian(points_cam, image_directions(points_cam, directions, self.camera), centre_cam)
-
     @cached_property
     def canonical(self) -> CanonicalFrame:
         """The canonical frame of the prior; GeometryError where its eye is inside the part's bounding sphere."""
@@ -81,6 +76,23 @@ class View:
         return np.asarray(np.linalg.inv(self.image_H_canonical), np.float64)
 
 
+class ImageLines:
+    """How projected points move, each along one image direction.
+
+    directions: (n, 3) px per mm in camera axes, see `pose_step.image_directions`.
+    """
+
+    def __init__(self, points_cam: FloatArray, normals: FloatArray, centre_cam: FloatArray, camera: Camera) -> None:
+        self.directions = image_directions(points_cam, normals, camera)
+        self._points_cam = points_cam
+        self._centre_cam = centre_cam
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """(n, 6) by a pose step about the part's centre (rad, mm)."""
+        return step_jacobian(self._points_cam, self.directions, self._centre_cam)
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Control points and pose in one view: one of the two is given, the other is worked out when it is asked for.
@@ -92,6 +104,7 @@ class Estimate:
     view: View
     pose: FloatArray | None = None
     points: FloatArray | None = None
+    _lines: tuple[FloatArray, ImageLines] | None = field(default=None, init=False, repr=False)
 
     @cached_property
     def cam_T_obj(self) -> FloatArray:
@@ -107,6 +120,18 @@ class Estimate:
         if self.points is not None:
             return self.points
         return self.view.camera.project(transform(self.cam_T_obj, self.view.points_obj))
+
+    def lines(self, points_obj: FloatArray, normals: FloatArray) -> ImageLines:
+        """How 3D points (n, 3) mm move across image lines with normals (n, 2), at the pose.
+
+        Kept for the normals that were asked last: what is learnt of edges, the motion and the search ask for the same.
+        """
+        if self._lines is None or self._lines[0] is not normals:
+            view, pose = self.view, self.cam_T_obj
+            kept = ImageLines(transform(pose, points_obj), normals, transform(pose, view.part.box_centre), view.camera)
+            object.__setattr__(self, "_lines", (normals, kept))
+            return kept
+        return self._lines[1]
 
     @property
     def is_possible(self) -> bool:

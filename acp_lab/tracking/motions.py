@@ -179,7 +179,6 @@ class RigidMotion:
         self._per_level = per_level
         # Lifting puts points on the nearest CAD edge; what it moved them by stays with them as a constant.
         self._lift_px = 0.0 if is_exact else edges.points - self._project(start.cam_T_obj)
-        self._rows_of: FloatArray | None = None
 
     def edges(self, at: Estimate) -> GeneratedEdges:
         """The edges at a pose; directions are kept, a level turns them little."""
@@ -195,19 +194,12 @@ class RigidMotion:
 
     def rows(self, at: Estimate, directions: FloatArray) -> FloatArray:
         """(n, 6) derivative of the motion along image directions (n, 2) by a pose step."""
-        if not self._per_level:
-            return self._rows(at.cam_T_obj, directions)
-        # The directions of a level are one array that is asked for in every step.
-        if self._rows_of is not directions:
-            self._rows_of, self._kept = directions, self._rows(self._start.cam_T_obj, directions)
-        return self._kept
+        # The directions of a level are one array that is asked for in every step, and its lines are kept.
+        return (self._start if self._per_level else at).lines(self._points_obj, directions).jacobian
 
     def moved(self, at: Estimate, step: FloatArray) -> Estimate:
         """The pose after a step (6,)."""
         return at.view.at_pose(move_pose(at.cam_T_obj, self._view.part.box_centre, step))
-
-    def _rows(self, cam_T_obj: FloatArray, directions: FloatArray) -> FloatArray:
-        return self._view.pose_jacobian(cam_T_obj, self._points_obj, directions)
 
     def _project(self, cam_T_obj: FloatArray) -> FloatArray:
         return self._view.camera.project(transform(cam_T_obj, self._points_obj))

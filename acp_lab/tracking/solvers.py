@@ -62,10 +62,14 @@ class WeightedMeasure:
         """Its share of the normal equations, for edge points that move by `rows_along` (see `motions.Rows`)."""
         seen = self.measure(edges)
         rows, residuals, weights = rows_along(seen.directions), seen.residuals, seen.weights
-        # Points whose motion is not known (behind the camera, no clear ridge) say nothing. A sum tells sooner.
-        if not np.isfinite(rows.sum() + residuals.sum()):
-            good = np.isfinite(rows).all(1) & np.isfinite(residuals)
-            rows, residuals, weights = rows[good], residuals[good], weights[good]
+        equations = self._equations(rows, residuals, weights)
+        if np.isfinite(equations.hessian.sum() + equations.gradient.sum()):
+            return equations
+        # Points whose motion is not known (behind the camera, no clear ridge) say nothing.
+        good = np.isfinite(rows).all(1) & np.isfinite(residuals)
+        return self._equations(rows[good], residuals[good], weights[good])
+
+    def _equations(self, rows: FloatArray, residuals: FloatArray, weights: FloatArray) -> NormalEquations:
         weighted = rows * (self.weight * weights / max(float(weights.sum()), _TINY))[:, None]
         return NormalEquations(weighted.T @ rows, weighted.T @ residuals)
 

@@ -119,7 +119,7 @@ class ContourOffsets:
             ids: (n,) rows of the edge samples.
             outline: (n,) bool.
             directions_obj: (n, 3) px per mm along the image normal, object frame
-                (`optimiser.image_directions` turned by the pose).
+                (`pose_step.image_directions` turned by the pose).
         """
         config = self.config
         scale = np.linalg.norm(directions_obj, axis=1)

@@ -13,8 +13,6 @@ import numpy as np
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose import transform
-from acp_lab.geometry.pose_step import image_directions
 from acp_lab.imaging.edge_search import Candidates
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
@@ -107,8 +105,7 @@ class SampleKnowledge:
         """Where the image edges of samples lie beside the CAD's, with the estimate's pose."""
         if self.offsets is None:
             return None
-        points_cam = transform(at.cam_T_obj, self.edges.points_obj[edges.sample_ids])
-        directions = image_directions(points_cam, normals, at.view.camera)
+        directions = at.lines(self.edges.points_obj[edges.sample_ids], normals).directions
         return self.offsets.expect(edges.sample_ids, edges.outline, directions @ at.cam_T_obj[:3, :3])
 
     def trust(self, edges: GeneratedEdges, expected: ExpectedOffsets | None, sigma_px: float) -> FloatArray | None:
@@ -136,7 +133,7 @@ class SampleKnowledge:
         if self.memory is not None:
             self.memory.learn(ids, matches.candidates, matches.best, np.nan_to_num(residuals_px, nan=np.inf))
         if self.offsets is not None:
-            rows = matches.at.view.pose_jacobian(matches.at.cam_T_obj, matches.points_obj, matches.normals)
+            rows = matches.at.lines(matches.points_obj, matches.normals).jacobian
             self.offsets.observe_scatter(ids, outline, residuals_px, rows)
         if self.reliability is not None:
             self.reliability.learn(ids, outline, residuals_px)

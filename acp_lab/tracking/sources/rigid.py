@@ -108,8 +108,9 @@ def project_again(edges: EdgeSamples, drawn: GeneratedEdges, at: Estimate, inset
 
 def pose_flow(view: View, cam_T_obj: FloatArray, points_obj: FloatArray) -> FloatArray:
     """(n, 2, 6) how the projections of points_obj (n, 3) mm move by a pose step about the part's centre."""
+    at = view.at_pose(cam_T_obj)
     along = (np.tile(axis, (len(points_obj), 1)) for axis in np.eye(2))
-    return np.stack([view.pose_jacobian(cam_T_obj, points_obj, directions) for directions in along], 1)
+    return np.stack([at.lines(points_obj, directions).jacobian for directions in along], 1)
 
 
 def rigid_flow(at: Estimate, points_obj: FloatArray, by_differences: bool) -> FloatArray:
