@@ -83,7 +83,7 @@ def build_parser() -> Parser:
     parser.add_argument("--sample", action="store_true", help="the shipped sample; only --out and --force count")
     parser.add_argument(
         "--parts", type=names_of(PART_NAMES, "part"), default=list(FIRST_PARTS),
-        help=f"{', '.join(PART_NAMES)} (all but v_block)",
+        help=f"{', '.join(PART_NAMES)} (the first {len(FIRST_PARTS)})",
     )  # fmt: skip
     parser.add_argument("--kinds", type=names_of(KINDS, "kind"), default=["regular"], help=", ".join(KINDS))
     parser.add_argument("--sequences", type=count, help="how many (default: the longest list)")

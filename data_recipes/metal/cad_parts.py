@@ -3,19 +3,20 @@
 Group 1 prismatic, 2 bracket with holes and ribs, 3 turned and milled with bosses and chamfers, 4 ribs and
 curved surfaces. Convention: mm, origin at the centre of the bounding box, sharp edges (the rendered twin
 with broken edges is made in `edge_break`), vertices rounded to float32 because that is what the PLY holds.
-No part has a symmetry, so that a pose is unique.
+The parts of this module have no symmetry, so that a pose is unique; more parts are in `machined_parts`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
+from data_recipes.metal.machined_parts import MACHINED, SYMMETRIES
 from data_recipes.metal.solids import (
     block,
     bore,
@@ -32,12 +33,16 @@ from data_recipes.metal.solids import (
 
 @dataclass(frozen=True)
 class CadPart:
-    """A part as the tracker gets it: vertices (n, 3) float64 mm, faces (m, 3) int64, watertight, sharp."""
+    """A part as the tracker gets it: vertices (n, 3) float64 mm, faces (m, 3) int64, watertight, sharp.
+
+    symmetries: entries of models_info.json, empty for a part without any.
+    """
 
     name: str
     group: int
     vertices: np.ndarray
     faces: np.ndarray
+    symmetries: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def diameter(self) -> float:
@@ -188,6 +193,7 @@ PARTS: dict[str, tuple[int, Callable[[], Manifold]]] = {
     "finned_cover": (4, finned_cover),
     "lever_arm": (4, lever_arm),
     "v_block": (1, v_block),
+    **MACHINED,
 }
 """Group and builder by name, in the order of `plan.PART_NAMES`."""
 
@@ -197,4 +203,4 @@ def make_part(name: str) -> CadPart:
     group, build = PARTS[name]
     vertices, faces = mesh_arrays(build())
     vertices -= (vertices.min(0) + vertices.max(0)) / 2
-    return CadPart(name, group, vertices.astype(np.float32).astype(np.float64), faces)
+    return CadPart(name, group, vertices.astype(np.float32).astype(np.float64), faces, SYMMETRIES.get(name, {}))

@@ -42,7 +42,7 @@ def render_dataset(
     names = list(dict.fromkeys(plan.part for plan in plans))
     parts = {name: make_part(name) for name in names}
     with new_dataset(out, force) as root:
-        write_models(root, {number: _model(part) for number, part in enumerate(parts.values(), start=1)})
+        write_models(root, {number: bop_model(part) for number, part in enumerate(parts.values(), start=1)})
         for number, plan in enumerate(plans, start=1):
             folder = root / "test" / f"{number:06d}"
             (folder / "rgb").mkdir(parents=True)
@@ -55,8 +55,10 @@ def render_dataset(
             note(f"scene {number}: {plan.part}, {plan.config.kind}, {each:.1f} s per frame")
 
 
-def _model(part: CadPart) -> Model:
-    return Model(part.vertices, part.faces, part.diameter, {"group": part.group, "name": part.name})
+def bop_model(part: CadPart) -> Model:
+    """What the data set keeps of a part: mesh, diameter, group, name and symmetries."""
+    extra = {"group": part.group, "name": part.name, **part.symmetries}
+    return Model(part.vertices, part.faces, part.diameter, extra)
 
 
 class FrameRenderer(Protocol):

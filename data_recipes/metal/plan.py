@@ -14,7 +14,11 @@ from acp_lab.geometry.camera import Camera
 from data_recipes.metal.surfaces import Finish
 from data_recipes.metal.table import TableKind
 
-PART_NAMES = ("slot_block", "l_bracket", "u_clevis", "flange_hub", "valve_body", "finned_cover", "lever_arm", "v_block")
+PART_NAMES = (
+    "slot_block", "l_bracket", "u_clevis", "flange_hub", "valve_body", "finned_cover", "lever_arm", "v_block",
+    "keyed_shaft", "t_slot_plate", "cover_plate", "flange_nut", "bearing_ring", "pillow_block",
+    "corner_bracket", "port_block", "cam_disc", "fork_end", "heat_sink", "tee_fitting",
+)  # fmt: skip
 FIRST_PARTS = PART_NAMES[:7]
 """The default parts, and those that serve as clutter. Later parts stay out of it: another one would change what every
 seed has shown so far."""
