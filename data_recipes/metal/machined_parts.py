@@ -40,7 +40,7 @@ def t_slot_plate() -> Manifold:
 
 def cover_plate() -> Manifold:
     """Group 2: a plate of 4 mm with a window, a slot, a notch, a cut corner and holes of three sizes."""
-    outline = profile([(-62, -40), (62, -40), (62, 18), (40, 40), (-62, 40)], 6)
+    outline = profile([(-62, -40), (62, -40), (62, 18), (40, 40), (-62, 40)], 5)
     body = prism(outline, 4)
     body -= prism(profile([(-44, -24), (-6, -24), (-6, 12), (-30, 22), (-44, 22)], 4), 20, (0, 0, -5))
     body -= slot(24, 9, (28, -22, 0), "x", "z") + bore(13, (26, 12, 0)) + block((-20, 32, -5), (2, 50, 20))
