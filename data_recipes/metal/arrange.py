@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from acp_lab.cad.raycast import EmbreeCaster
-from acp_lab.geometry.pose import make_pose
+from acp_lab.geometry.pose import ROTATION_TOLERANCE, make_pose
 from data_recipes.metal import clutter, surfaces
 from data_recipes.metal.bodies import Body
 from data_recipes.metal.cad_parts import CadPart
@@ -63,7 +63,13 @@ def stable_poses(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
 
 
 def _turn_down(normal: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) that takes a unit direction to -z."""
+    """Rotation (3, 3) that takes a unit direction to -z.
+
+    Directions come rounded to 1e-3. One that would make a matrix that readers of poses refuse is made exact; the others
+    are left as they are, so that every seed keeps its truth.
+    """
+    if abs(normal @ normal - 1.0) > ROTATION_TOLERANCE:
+        normal = normal / np.linalg.norm(normal)
     x = np.cross(normal, [0.0, 1.0, 0.0] if abs(normal[1]) < 0.9 else [1.0, 0.0, 0.0])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(-normal, x), -normal])

@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from acp_lab.cad.models_info import read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import EmbreeCaster
+from acp_lab.geometry.pose import check_rotation
 from data_recipes.bop_writer import write_models
+from data_recipes.metal.arrange import stable_poses
 from data_recipes.metal.cad_parts import PARTS, CadPart, make_part
 from data_recipes.metal.clutter import other_part
 from data_recipes.metal.dataset import bop_model
@@ -42,6 +44,11 @@ def test_size_and_place(part: CadPart) -> None:
     assert low <= part.diameter <= high
     np.testing.assert_allclose(part.vertices.min(0), -part.vertices.max(0), atol=1e-5)
     np.testing.assert_array_equal(part.vertices, part.vertices.astype(np.float32))
+
+
+def test_rests_in_poses_that_readers_accept(part: CadPart) -> None:
+    for pose in stable_poses(part.vertices, part.faces):
+        check_rotation(pose, part.name)
 
 
 def depth_maps(caster: EmbreeCaster, turn: np.ndarray) -> np.ndarray:
