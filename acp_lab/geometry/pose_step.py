@@ -10,7 +10,7 @@ import numpy as np
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import so3_exp
+from acp_lab.geometry.pose import so3_exp, so3_log, transform
 
 
 def centre_position(cam_T_obj: FloatArray, centre_obj: FloatArray) -> FloatArray:
@@ -26,6 +26,12 @@ def move_pose(cam_T_obj: FloatArray, centre_obj: FloatArray, step: FloatArray) -
     moved[:3, :3] = rotation
     moved[:3, 3] = centre_position(cam_T_obj, centre_obj) + step[3:] - rotation @ centre_obj
     return moved
+
+
+def pose_step_between(start_T_obj: FloatArray, end_T_obj: FloatArray, centre_obj: FloatArray) -> FloatArray:
+    """(6,) the step (rad, mm) that takes one pose (4, 4) to another: the inverse of `move_pose`."""
+    turn = so3_log(end_T_obj[:3, :3] @ start_T_obj[:3, :3].T)
+    return np.concatenate([turn, transform(end_T_obj, centre_obj) - transform(start_T_obj, centre_obj)])
 
 
 def image_directions(points_cam: FloatArray, normals: FloatArray, camera: Camera) -> FloatArray:

@@ -6,6 +6,8 @@ solver takes a few steps down e on the motion that the method's variables make o
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from acp_lab.control_points.canonical_frame import eye_position
@@ -55,6 +57,7 @@ class FrameSolver:
     def forget(self) -> None:
         """Nothing is known of the edge samples."""
         self.knowledge = SampleKnowledge(self.method.learning, self._model)
+        self._memories = tuple(target.memory(self._model) for target in self.method.targets)
 
     def natural_region(self, cam_T_obj: FloatArray) -> int:
         """The view region 0..5 that a pose (4, 4) is in, prepared or not."""
@@ -69,18 +72,25 @@ class FrameSolver:
         return self._choose(cam_T_obj, region, range(REGION_COUNT)) == region
 
     def look(
-        self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, margin_px: float | None = None
+        self,
+        image: ByteImage,
+        camera: Camera,
+        prior: FloatArray,
+        region: int,
+        margin_px: float | None = None,
+        information: FloatArray | None = None,
     ) -> SeenFrame | None:
         """The frame around the part at a prior pose (4, 4).
 
-        None where the part is behind the camera or outside the image.
+        information: (6, 6) how sure the prior is, see `frame_view.View`. None where the part is behind the camera or
+        outside the image.
         """
         margin_px = self.method.margin_px if margin_px is None else margin_px
         box = crop_box(self._corners_obj, prior, camera, margin_px)
         if box is None:
             return None
-        view = self.view(image, camera, prior, region, box)
-        return SeenFrame(view, tuple(target.see(view, self.knowledge) for target in self.method.targets))
+        view = replace(self.view(image, camera, prior, region, box), prior_information=information)
+        return SeenFrame(view, tuple(memory.see(view, self.knowledge) for memory in self._memories))
 
     def view(self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, box: tuple[int, ...]) -> FrameView:
         """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1)."""
@@ -120,10 +130,9 @@ class FrameSolver:
             edges = self._generate(at, level.samples, clock)
             if edges is None:
                 return None
-            measure = seen.targets[0].bind(edges, at, level)
-            judgement = measure.judge(edges, edges, at)
+            judgements = tuple(target.bind(edges, at, level).judge(edges, edges, at) for target in seen.targets)
             clock.search_s += clock.lap()
-            return Solution(at, judgement, judgement.loss)
+            return Solution(at, judgements, sum(judgement.loss for judgement in judgements), None)
         except GeometryError:
             return None
 
@@ -167,8 +176,8 @@ class FrameSolver:
             clock.search_s += clock.lap()
             problem = Problem(
                 motion,
-                [WeightedMeasure(m, t.weight) for m, t in zip(measures, method.targets, strict=True)],
-                [prior.bind(method.variables, at) for prior in method.priors],
+                [WeightedMeasure(m, t.precision_at(level)) for m, t in zip(measures, method.targets, strict=True)],
+                [prior for config in method.priors if (prior := config.bind(method.variables, at)) is not None],
                 method.variables.scale(at.view),
             )
             iterates = minimise(problem, at, method.solver)
@@ -178,18 +187,18 @@ class FrameSolver:
                 steps += [_step(i, number, self._reported_loss(measures, motion.edges(i))) for i in iterates]
             if number == len(all_levels) - 1:
                 moved = motion.edges(at)
-                judgement = measures[0].judge(moved, self.source.reproject(at, edges), at)
-                loss = method.targets[0].weight * judgement.loss + self._reported_loss(measures, moved, first=1)
-                solution = Solution(at, judgement, loss, iterations, tuple(steps))
+                drawn = self.source.reproject(at, edges)
+                judgements = tuple(measure.judge(moved, drawn, at) for measure in measures)
+                loss = sum(judgement.loss for judgement in judgements)
+                information = method.variables.pose_information(problem.information(at).matrix, at)
+                solution = Solution(at, judgements, loss, information, iterations, tuple(steps))
             clock.solve_s += clock.lap()
         # Not finite where the last step put some edge points behind the camera.
         is_finite = solution is not None and np.isfinite(at.cam_T_obj).all() and np.isfinite(solution.loss)
         return solution if is_finite else None
 
-    def _reported_loss(self, measures: list[Measure], edges: GeneratedEdges, first: int = 0) -> float:
-        """e at a step; first: the measure to begin with."""
-        targets = self.method.targets[first:]
-        return sum(t.weight * m.reported_loss(edges) for m, t in zip(measures[first:], targets, strict=True))
+    def _reported_loss(self, measures: list[Measure], edges: GeneratedEdges) -> float:
+        return sum(measure.reported_loss(edges) for measure in measures)
 
 
 def _step(at: Estimate, level: int, loss: float) -> TrackStep:

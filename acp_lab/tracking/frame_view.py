@@ -37,6 +37,8 @@ class View:
         region: 0..5, the view region in use; points_obj: (4, 3) mm, its control points W.
         part: the CAD model.
         canonical_size: px, side of the canonical image that the part's generator paints.
+        prior_information: (6, 6) how sure the prior is, the inverse covariance of a pose step (rad, mm) about the
+            part's centre; None where nobody knows.
     """
 
     camera: Camera
@@ -45,6 +47,7 @@ class View:
     points_obj: FloatArray
     part: Part
     canonical_size: int = CANONICAL_SIZE
+    prior_information: FloatArray | None = None
 
     def at_pose(self, cam_T_obj: FloatArray) -> Estimate:
         """The estimate of a pose (4, 4)."""

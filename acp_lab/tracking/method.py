@@ -26,11 +26,13 @@ from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.kalman import KalmanPrediction
+from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
-from acp_lab.tracking.priors import ControlPointDamping, RigidityPrior
-from acp_lab.tracking.recovery import SecondTries
+from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior
+from acp_lab.tracking.recovery import Alternatives, SecondTries
 from acp_lab.tracking.schedule import PixelSchedule, ShareSchedule
 from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt
 from acp_lab.tracking.sources import EdgeSource
@@ -40,14 +42,15 @@ from acp_lab.tracking.start import TrustedStart
 from acp_lab.tracking.states import StateConfig
 from acp_lab.tracking.targets.distance_map import DistanceMap
 from acp_lab.tracking.targets.normals import NormalSearch
+from acp_lab.tracking.targets.regions import RegionLines
 
 Source = CadSamples | PaintedSamples | PaintedRidges
 Variables = ControlPointVariables | PoseVariables
-TargetConfig = DistanceMap | NormalSearch
+TargetConfig = DistanceMap | NormalSearch | RegionLines
 Schedule = PixelSchedule | ShareSchedule
-PriorConfig = ControlPointDamping | RigidityPrior
+PriorConfig = ControlPointDamping | RigidityPrior | MotionPrior
 SolverConfig = GaussNewton | LevenbergMarquardt | Adam
-PredictionConfig = ConstantVelocityPrediction | LastPosePrediction
+PredictionConfig = ConstantVelocityPrediction | LastPosePrediction | KalmanPrediction
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Method:
     solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0))
     prediction: PredictionConfig = field(default_factory=ConstantVelocityPrediction)
     start: TrustedStart | Off = field(default_factory=TrustedStart)
-    recovery: SecondTries | Off = field(default_factory=SecondTries)
+    recovery: SecondTries | Alternatives | Off = field(default_factory=SecondTries)
     learning: SampleLearning | Off = field(default_factory=SampleLearning)
     states: StateConfig = field(default_factory=StateConfig)
 
@@ -141,6 +144,17 @@ class Method:
 
 
 ACP = Method(summary="the best tracker here: CAD edges searched along normals, pose steps damped in control-point px")
+ACP_FUSED = replace(
+    ACP,
+    name="acp-fused",
+    summary="acp with colours across the outline, a motion prior and alternatives; slower, lost less often",
+    targets=(NormalSearch(plain_share=0.3), RegionLines()),
+    priors=(ControlPointDamping(), MotionPrior()),
+    prediction=KalmanPrediction(),
+    start=TrustedStart(agreement_alone=0.65),
+    recovery=Alternatives(),
+    learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.2), learn_above=0.5),
+)
 ACP_PAPER_SAMPLES = Method(
     name="acp-paper-samples",
     summary="the paper's path; the painted edge image chooses among the CAD's edge samples",
@@ -172,7 +186,7 @@ UNOPTIMISED_POINTS = replace(
 )
 
 METHODS: dict[str, Method] = {
-    method.name: method for method in (ACP, ACP_PAPER, ACP_PAPER_SAMPLES, DIRECT_6DOF, UNOPTIMISED_POINTS)
+    method.name: method for method in (ACP, ACP_PAPER, ACP_PAPER_SAMPLES, DIRECT_6DOF, UNOPTIMISED_POINTS, ACP_FUSED)
 }
 
 

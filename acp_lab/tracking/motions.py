@@ -78,6 +78,15 @@ class ControlPointVariables:
         """(8, 8) derivative of I by the variables."""
         return np.eye(8)
 
+    def pose_information(self, matrix: FloatArray, at: Estimate) -> FloatArray:
+        """(6, 6) information of a pose step, from that of the variables (8, 8)."""
+        by_pose = at.view.control_jacobian(at.cam_T_obj)
+        return by_pose.T @ matrix @ by_pose
+
+    def pose_jacobian(self, at: Estimate) -> FloatArray:
+        """(6, 8) derivative of a pose step (rad, mm) by the variables: of the rigid motion next to that of I."""
+        return np.asarray(np.linalg.pinv(at.view.control_jacobian(at.cam_T_obj)), np.float64)
+
 
 @dataclass(frozen=True)
 class PoseVariables:
@@ -106,6 +115,14 @@ class PoseVariables:
     def control_jacobian(self, at: Estimate) -> FloatArray:
         """(8, 6) derivative of I by the variables."""
         return at.view.control_jacobian(at.cam_T_obj)
+
+    def pose_information(self, matrix: FloatArray, at: Estimate) -> FloatArray:
+        """(6, 6) information of a pose step: that of the variables."""
+        return matrix
+
+    def pose_jacobian(self, at: Estimate) -> FloatArray:
+        """(6, 6) derivative of a pose step (rad, mm) by the variables, which are just that."""
+        return np.eye(6)
 
 
 class _ControlPointMotion:

@@ -28,12 +28,24 @@ class Predictor(Protocol):
         """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
         ...
 
-    def observe(self, cam_T_obj: FloatArray, quality: float) -> None:
-        """Take in the pose (4, 4) of a further frame and its quality in [0, 1]."""
+    def observe(self, cam_T_obj: FloatArray, quality: float, information: FloatArray | None = None) -> None:
+        """Take in the pose (4, 4) of a further frame, its quality in [0, 1] and the (6, 6) information of its image."""
+        ...
+
+    def coast(self) -> None:
+        """A frame without an image: the part is where it was predicted."""
         ...
 
     def predict(self) -> FloatArray:
         """(4, 4) the pose expected in the next frame."""
+        ...
+
+    def information(self) -> FloatArray | None:
+        """(6, 6) how sure that pose is, see `frame_view.View`; None where nobody knows."""
+        ...
+
+    def innovation_of(self, cam_T_obj: FloatArray) -> float:
+        """How far a pose (4, 4) is from the predicted one: squared, normalised, per degree of freedom; 0 if unknown."""
         ...
 
 
@@ -77,14 +89,26 @@ class _LastPose:
         self._last = cam_T_obj
 
 
+    def information(self) -> FloatArray | None:
+        """None."""
+        return None
+
+    def innovation_of(self, cam_T_obj: FloatArray) -> float:
+        """0."""
+        return 0.0
+
+
 class LastPose(_LastPose):
     """The part rests."""
 
     moves = False
 
-    def observe(self, cam_T_obj: FloatArray, quality: float = 1.0) -> None:
+    def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in the pose (4, 4) of a further frame."""
         self.restart(cam_T_obj)
+
+    def coast(self) -> None:
+        """It still rests."""
 
     def predict(self) -> FloatArray:
         """(4, 4) the last pose."""
@@ -108,12 +132,16 @@ class ConstantVelocity(_LastPose):
         super().restart(cam_T_obj)
         self._before = None
 
-    def observe(self, cam_T_obj: FloatArray, quality: float = 1.0) -> None:
+    def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in the pose (4, 4) of a further frame."""
         before = self._last
         self.restart(cam_T_obj)
         if quality > self._rest_below:
             self._before = before
+
+    def coast(self) -> None:
+        """A frame without an image: the motion goes on."""
+        self._before, self._last = self._last, self.predict()
 
     @property
     def moves(self) -> bool:

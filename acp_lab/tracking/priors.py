@@ -1,7 +1,7 @@
 """Quadratic priors beside what the image says; each is bound at the start of a level.
 
-All are in px of the control points, so that no balance between radians and millimetres has to be chosen (the unit
-problem of paper Fig. 1).
+No balance between radians and millimetres has to be chosen (the unit problem of paper Fig. 1): damping and rigidity are
+in px of the control points, the motion prior in standard deviations of the prediction.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import numpy as np
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose_step import pose_step_between
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
-from acp_lab.tracking.solvers import Prior
+from acp_lab.tracking.solvers import NormalEquations, Prior
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,21 @@ class ControlPointDamping:
         """The prior of a level that starts at an estimate."""
         # Half of the Jacobian: the mean over four points, so that the weight is per px of one.
         return _StepDamping(self.weight, 0.5 * variables.control_jacobian(at))
+
+
+@dataclass(frozen=True)
+class MotionPrior:
+    """Configuration: the pose stays near the predicted one, as near as the prediction knows.
+
+    Control points as variables are held by the pose next to them; what no rigid motion makes of them stays free.
+    """
+
+    kind: ClassVar[str] = "motion"
+
+    def bind(self, variables: ControlPointVariables | PoseVariables, at: Estimate) -> Prior | None:
+        """The prior of a level; None where the prediction does not know how sure it is."""
+        information = at.view.prior_information
+        return None if information is None else _MotionPrior(information, variables.pose_jacobian(at))
 
 
 @dataclass(frozen=True)
@@ -57,14 +73,14 @@ class _StepDamping:
     """Zero residual wherever the estimate is: moving on costs. jacobian: (8, k) of the control points."""
 
     def __init__(self, weight: float, jacobian: FloatArray) -> None:
-        self.hessian = weight * jacobian.T @ jacobian
-        self._none = np.zeros(len(self.hessian))
+        hessian: FloatArray = weight * jacobian.T @ jacobian
+        self._equations = NormalEquations(hessian, np.zeros(len(hessian)))
 
-    def gradient(self, at: Estimate) -> FloatArray:
-        """(k,) zeros."""
-        return self._none
+    def equations(self, at: Estimate, total: float) -> NormalEquations:
+        """The same at every step."""
+        return self._equations
 
-    def loss(self, at: Estimate) -> float:
+    def loss(self, at: Estimate, total: float) -> float:
         """0."""
         return 0.0
 
@@ -76,20 +92,45 @@ class _Rigidity:
     """
 
     def __init__(self, weight: float, rigid: FloatArray, jacobian: FloatArray) -> None:
-        self.hessian = weight * jacobian.T @ jacobian
         self._weight, self._rigid, self._jacobian = weight, rigid, jacobian
+        self._hessian: FloatArray = weight * jacobian.T @ jacobian
 
-    def gradient(self, at: Estimate) -> FloatArray:
-        """(8,) towards the rigid I."""
-        return self._weight * self._jacobian.T @ self._residual(at)
+    def equations(self, at: Estimate, total: float) -> NormalEquations:
+        """Towards the rigid I."""
+        return NormalEquations(self._hessian, self._weight * self._jacobian.T @ self._residual(at))
 
-    def loss(self, at: Estimate) -> float:
+    def loss(self, at: Estimate, total: float) -> float:
         """Half the weighted squared distance, px."""
         return 0.5 * self._weight * float((self._residual(at) ** 2).sum())
 
     def _residual(self, at: Estimate) -> FloatArray:
         rest: FloatArray = self._jacobian @ (self._rigid - at.control_points.reshape(8))
         return rest
+
+
+class _MotionPrior:
+    """information: (6, 6) of the predicted pose, by a pose step about the part's centre (rad, mm).
+
+    jacobian: (6, k) of a pose step by the variables.
+    """
+
+    def __init__(self, information: FloatArray, jacobian: FloatArray) -> None:
+        self._information = information
+        self._towards: FloatArray = jacobian.T @ information
+        self._hessian: FloatArray = self._towards @ jacobian
+
+    def equations(self, at: Estimate, total: float) -> NormalEquations:
+        """Towards the predicted pose, against what the image says in all."""
+        return NormalEquations(self._hessian / total, self._towards @ self._residual(at) / total)
+
+    def loss(self, at: Estimate, total: float) -> float:
+        """Half the normalised squared distance, against what the image says in all, px^2."""
+        rest = self._residual(at)
+        return 0.5 * float(rest @ self._information @ rest) / total
+
+    def _residual(self, at: Estimate) -> FloatArray:
+        view = at.view
+        return pose_step_between(at.cam_T_obj, view.prior, view.part.box_centre)
 
 
 def _check(weight: float) -> None:

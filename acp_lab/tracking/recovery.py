@@ -1,10 +1,9 @@
-"""A second look when the fit suddenly gets worse: start also from poses beside the expected one.
+"""A second look when the fit suddenly gets worse: start also from other poses, and with other weights.
 
-On a patterned background the solver can lock on to wrong edges when the part moves further than expected. The
-memory of what
-each edge looked like then says so: the quality drops. Coarse solutions from a ring of shifted poses are compared by
-quality, and the best is refined. While the part is lost, a wide search around its last pose joins in, less and less
-often.
+On a patterned background the solver can lock on to wrong edges when the part moves further than expected. The memory
+of what each edge looked like then says so: the quality drops. `SecondTries` starts also from the last pose and from a
+ring around it; while the part is lost, a wide search around its last pose joins in, less and less often.
+`Alternatives`, for methods that see regions too, lets these go first, without the motion prior.
 """
 
 from __future__ import annotations
@@ -39,35 +38,75 @@ class SecondTries:
     finalists: int = 3
 
 
+REGIONS_FIRST = (Level(20, 8.0, 250, 0.01), Level(14, 5.0, 250, 0.02), Level(8, 2.0, 400, 0.1))
+EDGES_TOO = (Level(20, 8.0, 250), Level(14, 5.0, 250), Level(8, 2.0, 400))
+LAST_LEVEL = (Level(5, 1.0, 600),)
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """Configuration: alternatives to a frame that fits worse than usual, none of them held by the motion prior.
+
+    Attributes:
+        below: share of the running mean score below which alternatives are tried.
+        slack: how much worse than the first try an alternative may be before its last level.
+        gain: how much better it must be in the end.
+        innovation_cost: score that a unit of normalised squared innovation costs, up to `most_innovation` units.
+    """
+
+    kind: ClassVar[str] = "alternatives"
+    below: float = 0.8
+    slack: float = 0.05
+    gain: float = 0.03
+    innovation_cost: float = 0.003
+    most_innovation: float = 30.0
+
+
 @dataclass(frozen=True, eq=False)
 class Situation:
     """What a second try knows of the track so far.
 
     Attributes:
-        last: (4, 4) the last pose; moves: whether the first try began elsewhere.
-        mean_quality: running mean; time_to_search: whether a wide search is due.
+        predicted, last: (4, 4) the predicted and the last pose; moves: whether they differ.
+        mean_quality, mean_score: running means; time_to_search: whether a wide search is due.
+        innovation: of a pose (4, 4), squared, normalised, per degree of freedom.
     """
 
+    predicted: FloatArray
     last: FloatArray
     moves: bool
     mean_quality: float
+    mean_score: float
     time_to_search: bool
+    innovation: Callable[[FloatArray], float]
+
+
+Look = Callable[[FloatArray], SeenFrame | None]
+"""Gives the frame around a pose (4, 4)."""
 
 
 def recover(
     solver: PoseSolver,
     first: Solution | None,
-    look: Callable[[FloatArray], SeenFrame | None],
+    look: Look,
+    situation: Situation,
+    config: SecondTries | Alternatives,
+    clock: Stopwatch,
+) -> Solution | None:
+    """The first try, or a better one; first: what the prediction led to, None where it led nowhere."""
+    if isinstance(config, SecondTries):
+        return _second_tries(solver, first, look, situation, config, clock)
+    return _alternatives(solver, first, look, situation, config, clock)
+
+
+def _second_tries(
+    solver: PoseSolver,
+    first: Solution | None,
+    look: Look,
     situation: Situation,
     config: SecondTries,
     clock: Stopwatch,
 ) -> Solution | None:
-    """The first try, or a better one.
-
-    Args:
-        first: what the prediction led to, None where it led nowhere.
-        look: gives the frame around a pose (4, 4).
-    """
     floor, last = config.below * situation.mean_quality, situation.last
     if first is not None and first.judgement.quality >= floor:
         return first
@@ -83,7 +122,38 @@ def recover(
         best = better(best, plausible(solver.solve(seen, view.at_pose(last), clock)))
     if best is None or best.judgement.quality < floor:
         starts = [view.at_pose(pose) for pose in ring(last, solver.part.box_centre, view.camera, config.shift_px)]
-        best = better(best, plausible(search(solver, seen, starts, RING_PLAN, lambda s: s.judgement.quality)))
+        best = better(best, plausible(search(solver, seen, starts, RING_PLAN, lambda s: s.score)))
     if situation.time_to_search:
         best = better(best, plausible(search_around(solver, seen, last, config.turn_deg, config.finalists)))
     return best
+
+
+def _alternatives(
+    solver: PoseSolver,
+    first: Solution | None,
+    look: Look,
+    situation: Situation,
+    config: Alternatives,
+    clock: Stopwatch,
+) -> Solution | None:
+    if first is not None and first.score >= config.below * situation.mean_score:
+        return first
+    tried = [(situation.predicted, REGIONS_FIRST), (situation.last, EDGES_TOO), (situation.last, REGIONS_FIRST)]
+    found: list[tuple[float, SeenFrame, Solution]] = []
+    for pose, levels in tried:
+        seen = look(pose)
+        solution = None if seen is None else solver.solve(seen, seen.view.at_pose(pose), clock, levels)
+        if seen is not None and solution is not None:
+            found.append((solution.score, seen, solution))
+    if not found:
+        return first
+    score, seen, promising = max(found, key=lambda entry: entry[0])
+    if first is not None and score <= first.score - config.slack:
+        return first
+    refined = solver.solve(seen, seen.view.at_pose(promising.cam_T_obj), clock, LAST_LEVEL)
+    if refined is None or not is_plausible(refined.cam_T_obj, situation.last, solver.part):
+        return first
+    innovation = min(situation.innovation(refined.cam_T_obj), config.most_innovation)
+    if first is not None and refined.score - config.innovation_cost * innovation <= first.score + config.gain:
+        return first
+    return refined

@@ -29,11 +29,13 @@ class Level:
         reach_px: of a search along normals.
         sigma_px: width of the capture range.
         samples: edge points used at most; a long search is expensive, a short one over many samples is exact.
+        edge_share: how much edges count at this level, beside other targets.
     """
 
     reach_px: int
     sigma_px: float
     samples: int = 300
+    edge_share: float = 1.0
 
     @property
     def alpha_px(self) -> float:

@@ -114,10 +114,10 @@ def is_plausible(cam_T_obj: FloatArray, last: FloatArray, part: Part) -> bool:
 
 
 def better(first: Solution | None, second: Solution | None) -> Solution | None:
-    """The one of more quality; of equals the first."""
+    """The one with the higher score; of equals the first."""
     if first is None or second is None:
         return first or second
-    return second if second.judgement.quality > first.judgement.quality else first
+    return second if second.score > first.score else first
 
 
 def _ranked(solutions: Iterable[Solution | None], score: Callable[[Solution], float]) -> list[Solution]:

@@ -24,16 +24,29 @@ class Solution:
 
     Attributes:
         estimate: control points and pose.
-        judgement: by the method's first target, of the edges of the last level where the estimate has them.
+        judgements: by each of the method's targets, of the edges of the last level where the estimate has them.
         loss: e, see `TrackResult.loss`.
+        information: (6, 6) of the pose by the image alone, the inverse covariance of a pose step (rad, mm) about the
+            part's centre; None where the estimate was looked at only.
         iterations: of the solver, on all levels; steps: each of them, when they are recorded.
     """
 
     estimate: Estimate
-    judgement: Judgement
+    judgements: tuple[Judgement, ...]
     loss: float
+    information: FloatArray | None
     iterations: int = 0
     steps: tuple[TrackStep, ...] = ()
+
+    @property
+    def judgement(self) -> Judgement:
+        """By the first target, whose quality and residuals are reported."""
+        return self.judgements[0]
+
+    @property
+    def score(self) -> float:
+        """What solutions of one frame are compared by: the sum of the targets' scores."""
+        return sum(judgement.score for judgement in self.judgements)
 
     @property
     def cam_T_obj(self) -> FloatArray:

@@ -1,15 +1,15 @@
 """argmin e (paper eq. 7) over eight coordinates or six: Gauss-Newton, Levenberg-Marquardt, Adam.
 
-e is a sum of measures of the frame, each a mean of robust losses over edge points, and of quadratic priors. With J
-the motion of a point along its direction by the variables, r the residual (px still to go) and w a weight, one step
-s minimises
+e is a sum of measures of the frame, each over edge points, and of quadratic priors. With J the motion of a point
+along its direction by the variables, r the residual (px still to go), w a weight and p the measure's precision
+(information of an edge point of full weight, per squared px), one step s minimises
 
-    sum over measures of  g sum w (r - J s)^2 / sum w   +   sum over priors of  v |r_p - J_p s|^2,
+    sum over measures of  p sum w (r - J s)^2 / N   +   sum over priors of  v |r_p - J_p s|^2,      N = sum of p w
 
-g and v being the measures' and priors' own weights. Gauss-Newton and Levenberg-Marquardt add Marquardt's multiple
-of the
-diagonal, which is blind to units: pixels, radians and millimetres are treated alike (the unit problem of paper Fig.
-1). Adam follows the same gradient, one rate for every variable. Solvers know nothing of images.
+so that damping, which is relative to what an edge point says, needs no scale, while priors with an information of
+their own divide it by N. Gauss-Newton and Levenberg-Marquardt add Marquardt's multiple of the diagonal, which is
+blind to units: pixels, radians and millimetres are treated alike (the unit problem of paper Fig. 1). Adam follows the
+same gradient, one rate for every variable. Solvers know nothing of images.
 """
 
 from __future__ import annotations
@@ -53,41 +53,53 @@ class Measurement(Protocol):
 
 @dataclass(frozen=True)
 class WeightedMeasure:
-    """A measure of edge points, and how much it counts beside others."""
+    """A measure of edge points, and its precision: information of a point of full weight, per squared px."""
 
     measure: Callable[[GeneratedEdges], Measurement]
-    weight: float = 1.0
+    precision: float = 1.0
 
-    def normal_equations(self, edges: GeneratedEdges, rows_along: Rows) -> NormalEquations:
-        """Its share of the normal equations, for edge points that move by `rows_along` (see `motions.Rows`)."""
+    def information(self, edges: GeneratedEdges, rows_along: Rows) -> Information:
+        """What it says of the variables, for edge points that move by `rows_along` (see `motions.Rows`)."""
         seen = self.measure(edges)
         rows, residuals, weights = rows_along(seen.directions), seen.residuals, seen.weights
-        equations = self._equations(rows, residuals, weights)
-        if np.isfinite(equations.hessian.sum() + equations.gradient.sum()):
-            return equations
+        found = self._information(rows, residuals, weights)
+        if np.isfinite(found.matrix.sum() + found.vector.sum()):
+            return found
         # Points whose motion is not known (behind the camera, no clear ridge) say nothing.
         good = np.isfinite(rows).all(1) & np.isfinite(residuals)
-        return self._equations(rows[good], residuals[good], weights[good])
+        return self._information(rows[good], residuals[good], weights[good])
 
-    def _equations(self, rows: FloatArray, residuals: FloatArray, weights: FloatArray) -> NormalEquations:
-        weighted = rows * (self.weight * weights / max(float(weights.sum()), _TINY))[:, None]
-        return NormalEquations(weighted.T @ rows, weighted.T @ residuals)
+    def _information(self, rows: FloatArray, residuals: FloatArray, weights: FloatArray) -> Information:
+        weighted = rows * (self.precision * weights)[:, None]
+        return Information(weighted.T @ rows, weighted.T @ residuals, self.precision * float(weights.sum()))
+
+
+@dataclass(frozen=True)
+class Information:
+    """What a frame says of the variables at one linearisation.
+
+    Attributes:
+        matrix: (k, k) sum of p w J^T J; vector: (k,) sum of p w J^T r.
+        total: sum of p w, per squared px.
+    """
+
+    matrix: FloatArray
+    vector: FloatArray
+    total: float
+
+    def __add__(self, other: Information) -> Information:
+        return Information(self.matrix + other.matrix, self.vector + other.vector, self.total + other.total)
 
 
 class Prior(Protocol):
-    """A quadratic prior on the variables, in px: weight * |residual - jacobian s|^2 for a step s."""
+    """A quadratic prior on the variables."""
 
-    @property
-    def hessian(self) -> FloatArray:
-        """(k, k) weight * jacobian^T jacobian."""
+    def equations(self, at: Estimate, total: float) -> NormalEquations:
+        """Its share of the normal equations at an estimate; total: of the frame's `Information`."""
         ...
 
-    def gradient(self, at: Estimate) -> FloatArray:
-        """(k,) weight * jacobian^T residual, at an estimate."""
-        ...
-
-    def loss(self, at: Estimate) -> float:
-        """Half of weight * |residual|^2, at an estimate."""
+    def loss(self, at: Estimate, total: float) -> float:
+        """Half of its weighted squared residual at an estimate, relative to that total as its equations are."""
         ...
 
 
@@ -101,19 +113,32 @@ class Problem:
     scale: FloatArray | float = 1.0
 
     def loss(self, at: Estimate) -> float:
-        """e at an estimate, priors included; infinite where it is degenerate."""
+        """e at an estimate, priors included; infinite where it is degenerate.
+
+        The mean over the measures by their precision, as if every edge point had full weight: robust weights change
+        from estimate to estimate, and e is to be compared between these.
+        """
         try:
             edges = self.motion.edges(at)
         except GeometryError:
             return float("inf")
-        return sum(m.weight * m.measure(edges).loss for m in self.measures) + sum(p.loss(at) for p in self.priors)
+        precision = sum(measure.precision for measure in self.measures)
+        image = sum(m.precision * m.measure(edges).loss for m in self.measures) / precision
+        total = max(precision * len(edges), _TINY)
+        return image + sum(prior.loss(at, total) for prior in self.priors)
+
+    def information(self, at: Estimate) -> Information:
+        """What the frame says at an estimate, without priors; GeometryError where it is degenerate."""
+        edges, rows_along = self.motion.linearised(at)
+        first, *others = [measure.information(edges, rows_along) for measure in self.measures]
+        return sum(others, first)
 
     def normal_equations(self, at: Estimate) -> NormalEquations:
         """Those of one linearisation; GeometryError where the estimate is degenerate."""
-        edges, rows_along = self.motion.linearised(at)
-        first, *others = [weighted.normal_equations(edges, rows_along) for weighted in self.measures]
-        others += [NormalEquations(prior.hessian, prior.gradient(at)) for prior in self.priors]
-        return sum(others, first)
+        seen = self.information(at)
+        total = max(seen.total, _TINY)
+        image = NormalEquations(seen.matrix / total, seen.vector / total)
+        return sum((prior.equations(at, total) for prior in self.priors), image)
 
 
 @dataclass(frozen=True)

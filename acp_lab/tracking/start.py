@@ -35,6 +35,7 @@ class TrustedStart:
         largest_scale: relative change of apparent size between the two poses.
         turn_deg: turns tried about the axes and diagonals when the start is not trusted.
         finalists: how many of the coarse solutions are refined.
+        agreement_alone: ratio from which on the start is trusted, however far the two poses lie apart.
     """
 
     kind: ClassVar[str] = "trusted"
@@ -44,6 +45,7 @@ class TrustedStart:
     largest_scale: float = 0.025
     turn_deg: float = 4.0
     finalists: int = 3
+    agreement_alone: float = float("inf")
 
 
 EQUAL_SLACK = 1.4
@@ -90,10 +92,10 @@ def is_trusted(solver: PoseSolver, seen: SeenFrame, solved: Solution, config: Tr
     # Along the normals: sliding along the edges, such as a round part's roll, is no error that they could show.
     rest_px = float(np.sqrt((((shift - scale * arms) * matches.normals).sum(1) ** 2).mean()))
     away = max(rest_px / config.largest_shift_px, abs(scale) / config.largest_scale)
-    if away >= EQUAL_SLACK:
+    if away >= EQUAL_SLACK and config.agreement_alone == float("inf"):
         return False
     at_start, at_solved = (
         solver.agreement(seen, view.at_pose(pose), AGREEMENT_LEVEL) for pose in (view.prior, solved.cam_T_obj)
     )
-    needed = config.agreement if away < 1.0 else config.equal_agreement
-    return at_start > 0.0 and at_start >= needed * at_solved
+    needed = config.agreement if away < 1.0 else config.equal_agreement if away < EQUAL_SLACK else float("inf")
+    return at_start > 0.0 and at_start >= min(needed, config.agreement_alone) * at_solved

@@ -29,12 +29,13 @@ from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.search import is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
-from acp_lab.tracking.start import Started, begin
+from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 
 # Share of a new frame in the running mean of the quality, with which recovery and learning compare.
 _QUALITY_RATE = 0.5
+_SCORE_RATE = 0.1
 
 
 class Tracker:
@@ -116,8 +117,11 @@ class Tracker:
         self._predictor.restart(solution.cam_T_obj)
         self._carried = solution.estimate
         self._started = True
-        self._learn(solution, clock)
+        self._learn(solution, clock, self._trusted)
         self._mean_quality = solution.judgement.quality
+        # Again, with what the first frame taught.
+        again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock) if seen else None
+        self._mean_score = (again or solution).score
         return self._result(frame, pose, solution, clock, begin_s, "")
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -132,20 +136,21 @@ class Tracker:
         self.solver.records_steps = self.records_steps
         predicted = self.predicted
         if isinstance(frame, UnreadableFrame):
-            self._predictor.observe(predicted, 1.0)
+            self._predictor.coast()
             return self._blind(frame, predicted, predicted, clock, begin_s, frame.reason)
-        solution = self._recover(frame, self._solve(frame, predicted, clock), clock)
+        solution = self._recover(frame, predicted, self._solve(frame, predicted, clock), clock)
         note = self._states.update(0.0 if solution is None else solution.quality)
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             self._predictor.restart(self.last)
             self._carried = None
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
-        self._predictor.observe(solution.cam_T_obj, solution.judgement.quality)
+        self._predictor.observe(solution.cam_T_obj, solution.judgement.quality, solution.information)
         self._carried = solution.estimate
         self._learn(solution, clock)
         # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
         self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
+        self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
         return self._result(frame, predicted, solution, clock, begin_s, self._unprepared(predicted) or note)
 
     def run(self, sequence: Sequence, start: FloatArray, observers: Iterable[Observer] = ()) -> TrackRun:
@@ -167,7 +172,7 @@ class Tracker:
         self._started = self._trusted = False
         self._region = 0
         self._warned = False
-        self._mean_quality = 0.0
+        self._mean_quality = self._mean_score = 0.0
         self._carried = None
 
     def _first_region(self, pose: FloatArray) -> int:
@@ -189,9 +194,11 @@ class Tracker:
         natural = self.solver.natural_region(predicted)
         return f"view region {natural} is not prepared: that of region {self._region} is used; accuracy will fall"
 
-    def _look(self, frame: Frame, prior: FloatArray, clock: Stopwatch) -> SeenFrame | None:
+    def _look(
+        self, frame: Frame, prior: FloatArray, clock: Stopwatch, information: FloatArray | None = None
+    ) -> SeenFrame | None:
         clock.lap()
-        seen = self.solver.look(frame.image, frame.camera, prior, self._region)
+        seen = self.solver.look(frame.image, frame.camera, prior, self._region, information=information)
         clock.image_s += clock.lap()
         return seen
 
@@ -205,7 +212,7 @@ class Tracker:
     def _solve(self, frame: Frame, predicted: FloatArray, clock: Stopwatch) -> Solution | None:
         """The first try, from the predicted pose or the control points that were carried on."""
         before, self._region = self._region, self.solver.choose_region(predicted, self._region)
-        seen = self._look(frame, predicted, clock)
+        seen = self._look(frame, predicted, clock, self._predictor.information())
         if seen is None:
             return None
         # Another region has another W, so I begins anew as the projection of the pose.
@@ -221,18 +228,28 @@ class Tracker:
         ahead, behind = (view.at_pose(pose).control_points for pose in (view.prior, self.last))
         return view.at_points(self._carried.control_points + ahead - behind)
 
-    def _recover(self, frame: Frame, first: Solution | None, clock: Stopwatch) -> Solution | None:
+    def _recover(
+        self, frame: Frame, predicted: FloatArray, first: Solution | None, clock: Stopwatch
+    ) -> Solution | None:
         config = self.method.recovery
         if isinstance(config, Off):
             return first
-        situation = Situation(self.last, self._predictor.moves, self._mean_quality, self._states.is_time_to_search())
+        situation = Situation(
+            predicted,
+            self.last,
+            self._predictor.moves,
+            self._mean_quality,
+            self._mean_score,
+            self._states.is_time_to_search(),
+            self._predictor.innovation_of,
+        )
         return recover(self.solver, first, lambda pose: self._look(frame, pose, clock), situation, config, clock)
 
-    def _learn(self, solution: Solution, clock: Stopwatch) -> None:
+    def _learn(self, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()
-        matches, knowledge = solution.judgement.matches, self.solver.knowledge
-        if matches is not None and knowledge.learns_from(solution.judgement.quality, self._mean_quality):
-            knowledge.learn(matches)
+        if self.solver.knowledge.learns_from(solution.judgement.quality, self._mean_quality):
+            for judgement in solution.judgements:
+                judgement.learn(trusted)
         clock.learn_s += clock.lap()
 
     def _result(

@@ -15,6 +15,7 @@ from acp_lab.geometry.pose_step import (
     control_point_jacobian,
     image_directions,
     move_pose,
+    pose_step_between,
     step_jacobian,
 )
 from tests.geometry.geometry_strategies import directions
@@ -53,6 +54,18 @@ def test_a_step_turns_about_the_parts_centre_and_then_shifts(
 
 def test_no_step_leaves_the_pose() -> None:
     np.testing.assert_allclose(move_pose(POSES[1], CENTRE, np.zeros(6)), POSES[1], atol=1e-12)
+
+
+@given(turn=directions(), angle_rad=st.floats(0.0, 3.0), shift=st.tuples(numbers, numbers, numbers))
+def test_the_step_between_two_poses_takes_one_to_the_other(
+    turn: FloatArray, angle_rad: float, shift: tuple[float, float, float]
+) -> None:
+    step = np.concatenate([angle_rad * turn, 100.0 * np.array(shift)])
+    for pose in POSES:
+        moved = move_pose(pose, CENTRE, step)
+        np.testing.assert_allclose(pose_step_between(pose, moved, CENTRE), step, atol=1e-6)
+        np.testing.assert_allclose(move_pose(pose, CENTRE, pose_step_between(pose, moved, CENTRE)), moved, atol=1e-6)
+        np.testing.assert_allclose(pose_step_between(moved, pose, CENTRE), -step, atol=1e-6)
 
 
 # ---- Jacobians -----------------------------------------------------------------------------------------------

@@ -42,6 +42,7 @@ from acp_lab.tracking.sources.painted import PaintedRidges, PaintedSamples
 from acp_lab.tracking.sources.rigid import CadSamples, RigidSource
 from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
+from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
 from tests.tracking.lit_part import lit_part
@@ -98,8 +99,12 @@ def test_ablations_change_one_thing() -> None:
         assert not change or method != replace(ACP_PAPER, name=method.name, summary=method.summary)
 
 
+OF_CAD_SAMPLES = ("acp", "acp-fused")
+"""Methods that need no auto-encoder."""
+
+
 def test_names_are_those_of_the_methods() -> None:
-    assert list(METHODS) == ["acp", "acp-paper", "acp-paper-samples", "direct-6dof", "unoptimised-points"]
+    assert list(METHODS) == ["acp", "acp-paper", "acp-paper-samples", "direct-6dof", "unoptimised-points", "acp-fused"]
     for name, method in METHODS.items():
         assert method_named(name) is method
         assert method.name == name
@@ -121,7 +126,7 @@ def test_every_named_method_follows_a_plate(name: str, plate: Flat) -> None:
     # The small picture of a thin plate leaves its distance open by some 3%.
     assert max(off[4:]) < 4.0
     assert frozen_percent(model.part, plate.sequence) > 2 * 7.0
-    if name != "acp":
+    if name not in OF_CAD_SAMPLES:
         wanted = "mid-section" if name == "unoptimised-points" else "regressed"
         assert set(model.lit.asked) == {(4, wanted)}
         assert tracker.generator_name == "autoencoder"
@@ -145,10 +150,10 @@ def test_without_optimised_points_the_paper_goes_another_way(plate: Flat) -> Non
         assert add_percent(part, back, result.cam_T_obj) < 0.01
 
 
-@pytest.mark.parametrize("method", [m for m in METHODS.values() if m.name != "acp"], ids=lambda method: method.name)
-def test_a_missing_generator_names_the_command(method: Method, model: PreparedPart) -> None:
+@pytest.mark.parametrize("name", [name for name in METHODS if name not in OF_CAD_SAMPLES])
+def test_a_missing_generator_names_the_command(name: str, model: PreparedPart) -> None:
     with pytest.raises(PreparationError, match="--generator autoencoder"):
-        Tracker(model, method)
+        Tracker(model, name)
 
 
 # ---- sums that are none --------------------------------------------------------------------------------------
@@ -206,10 +211,10 @@ def test_losses_and_learning_that_are_none_are_refused() -> None:
         DistanceMap("printed")
     with pytest.raises(TrackingError, match=r"all off: give learning\.kind"):
         SampleLearning(Off(), Off(), Off())
-    for kind in (DistanceMap, NormalSearch):
-        for weight in (0.0, -1.0, float("inf"), float("nan")):
-            with pytest.raises(TrackingError, match=r"^targets\.weight = .*: give a number above 0$"):
-                kind(weight=weight)
+    for kind in (DistanceMap, NormalSearch, RegionLines):
+        for precision in (0.0, -1.0, float("inf"), float("nan")):
+            with pytest.raises(TrackingError, match=r"^targets\.precision = .*: give a number above 0$"):
+                kind(precision=precision)
 
 
 # ---- sums that track -----------------------------------------------------------------------------------------

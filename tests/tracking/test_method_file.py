@@ -93,8 +93,8 @@ def test_another_kind_starts_from_its_own_defaults_and_the_same_from_the_bases(t
     assert read_method(path).solver == replace(ACP.solver, damping=0.5)
     path.write_text('base = "acp"\n[[schedule.levels]]\nreach_px = 9\nsigma_px = 2\n')
     assert read_method(path).schedule == PixelSchedule((Level(9, 2.0),))
-    path.write_text('[[targets]]\nkind = "normals"\n[[targets]]\nkind = "distance-map"\nweight = 2\n')
-    assert read_method(path).targets == (NormalSearch(), DistanceMap(weight=2.0))
+    path.write_text('[[targets]]\nkind = "normals"\n[[targets]]\nkind = "distance-map"\nprecision = 2\n')
+    assert read_method(path).targets == (NormalSearch(), DistanceMap(precision=2.0))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_another_kind_starts_from_its_own_defaults_and_the_same_from_the_bases(t
         ("[solver]\nkind = 'newton'", ("solver.kind = 'newton'", "gauss-newton, levenberg-marquardt, adam")),
         ("[solver]\nkind = 3", ("solver.kind = 3", "gauss-newton")),
         ("[prediction]\nkind = 'off'", ("prediction.kind", "constant-velocity, last-pose")),
-        ("[[targets]]\nweight = 2.0", ("targets.kind", "distance-map, normals")),
+        ("[[targets]]\nprecision = 2.0", ("targets.kind", "distance-map, normals")),
         ("[[targets]]\nkind = ['normals']", ("targets.kind", "distance-map, normals")),
         # Values of another type.
         ("[schedule]\nalpha = 'small'", ("schedule.alpha", "small", "a number")),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ from acp_lab.tracking.motions import (
     RegeneratedMotion,
     RigidMotion,
 )
+from acp_lab.tracking.solvers import Problem, WeightedMeasure
 from acp_lab.tracking.sources.lift import EdgeLifter
 from acp_lab.tracking.sources.rigid import RigidSource, pose_flow
 from tests.made_parts import looking_at
@@ -238,3 +241,42 @@ def test_one_unit_of_each_pose_variable_moves_the_rim_by_about_a_pixel(view: Vie
         moved = CAMERA.project(transform(move_pose(view.prior, part.box_centre, step), ends))
         assert 0.5 < np.linalg.norm(moved - there, axis=1).max() < 1.5
     assert ControlPointVariables().scale(view) == 1.0
+
+
+# ---- what the image says of a pose ---------------------------------------------------------------------------
+
+
+def test_what_is_known_of_control_points_is_known_of_the_pose(view: View, rng: np.random.Generator) -> None:
+    """On the plane of W the homography moves edges as the pose does, so both variables say the same of a pose."""
+    corners = view.points_obj
+    shares = rng.uniform(-0.2, 1.2, (40, 2))
+    points_obj = corners[0] + shares @ (corners[[1, 3]] - corners[0])
+    start = prior_of(view)
+    none = np.zeros(40)
+    edges = GeneratedEdges(view.camera.project(transform(view.prior, points_obj)), any_directions(40), none, none)
+    weights = rng.uniform(0.1, 1.0, 40)
+
+    @dataclass(frozen=True)
+    class Said:
+        residuals: FloatArray
+        directions: FloatArray
+        weights: FloatArray
+        loss: float
+
+    def measure(seen: GeneratedEdges) -> Said:
+        return Said(none, edges.normals, weights, 0.0)
+
+    found = []
+    for variables, motion in (
+        (ControlPointVariables(), HomographyMotion(edges, start.control_points)),
+        (PoseVariables(), RigidMotion(edges, points_obj, start)),
+    ):
+        matrix = Problem(motion, [WeightedMeasure(measure, 3.0)]).information(start).matrix  # type: ignore[arg-type]
+        found.append(variables.pose_information(matrix, start))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-6 * np.abs(found[1]).max())
+    rows = pose_flow(view, view.prior, points_obj)
+    along = rows_along(rows, edges.normals)
+    np.testing.assert_allclose(found[1], along.T @ (3.0 * weights[:, None] * along), rtol=1e-9)
+    # From a pose step to I and back.
+    by_points = ControlPointVariables().pose_jacobian(start) @ PoseVariables().control_jacobian(start)
+    np.testing.assert_allclose(by_points, PoseVariables().pose_jacobian(start), atol=1e-9)

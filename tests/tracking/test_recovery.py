@@ -17,7 +17,15 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
-from acp_lab.tracking.recovery import SecondTries, Situation, recover
+from acp_lab.tracking.recovery import (
+    EDGES_TOO,
+    LAST_LEVEL,
+    REGIONS_FIRST,
+    Alternatives,
+    SecondTries,
+    Situation,
+    recover,
+)
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import WIDE_LEVELS
 from acp_lab.tracking.solution import SeenFrame, Solution
@@ -32,7 +40,13 @@ CONFIG = SecondTries(below=0.8, shift_px=14.0, turn_deg=4.0, finalists=2)
 
 @dataclass
 class Said:
+    """A judgement of which the quality and the score are all that is asked."""
+
     quality: float
+
+    @property
+    def score(self) -> float:
+        return self.quality
 
 
 @dataclass
@@ -60,7 +74,7 @@ class Scripted:
         if self.jumps:
             away = move_pose(start.cam_T_obj, self.part.box_centre, np.array([0.0, 0, 0, 0, 0, 3 * self.part.radius]))
             start = start.view.at_pose(away)
-        return Solution(start, Said(found), 0.0)  # type: ignore[arg-type]
+        return Solution(start, (Said(found),), 0.0, None)  # type: ignore[arg-type]
 
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
         raise AssertionError("not asked for")
@@ -81,13 +95,13 @@ def view(part: Part, last: FloatArray) -> View:
 
 def first_try(view: View, quality: float) -> Solution:
     aside = move_pose(view.prior, view.part.box_centre, np.array([0.01, 0, 0, 1.0, 0, 0]))
-    return Solution(view.at_pose(aside), Said(quality), 0.0)  # type: ignore[arg-type]
+    return Solution(view.at_pose(aside), (Said(quality),), 0.0, None)  # type: ignore[arg-type]
 
 
 def recovered(
     solver: Scripted, view: View, first: Solution | None, moves: bool = True, search: bool = False, sees: bool = True
 ) -> Solution | None:
-    situation = Situation(solver.last, moves, mean_quality=0.5, time_to_search=search)
+    situation = Situation(view.prior, solver.last, moves, 0.5, 0.5, search, lambda _: 0.0)
 
     def look(pose: FloatArray) -> SeenFrame | None:
         assert pose is solver.last
@@ -163,3 +177,124 @@ def test_a_jump_is_caught_only_with_second_tries(part: Part, model: PreparedPart
         off[name] = add_percent(part, result.cam_T_obj, jumped)
     assert off["with"] < 2.0
     assert off["without"] > 5.0
+
+
+# ---- alternatives --------------------------------------------------------------------------------------------
+
+PATIENT = Alternatives(below=0.8, slack=0.05, gain=0.03, innovation_cost=0.01, most_innovation=10.0)
+
+
+@dataclass
+class Compared:
+    """Leaves estimates where they are; scores are told by the pose and the levels of each try."""
+
+    part: Part
+    predicted: FloatArray
+    scores: dict[str, float]
+    refined: float = 0.0
+    innovation: float = 0.0
+    jumps: bool = False
+    tried: list[str] = field(default_factory=list)
+
+    def solve(
+        self, seen: SeenFrame, start: Estimate, clock: Any, levels: tuple[Level, ...] | None = None
+    ) -> Solution | None:
+        assert seen.view.prior_information is None, "no alternative is held by the motion prior"
+        if levels is LAST_LEVEL:
+            self.tried.append("refined")
+            score = self.refined
+            if self.jumps:
+                away = np.array([0.0, 0, 0, 0, 0, 3 * self.part.radius])
+                start = start.view.at_pose(move_pose(start.cam_T_obj, self.part.box_centre, away))
+        else:
+            pose = "predicted" if start.cam_T_obj is self.predicted else "last"
+            name = f"{pose} { ({REGIONS_FIRST: 'regions', EDGES_TOO: 'edges'}[levels]) }"  # type: ignore[index]
+            self.tried.append(name)
+            if name not in self.scores:
+                return None
+            score = self.scores[name]
+        return Solution(start, (Said(score),), 0.0, None)  # type: ignore[arg-type]
+
+    def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
+        raise AssertionError("not asked for")
+
+    def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
+        raise AssertionError("not asked for")
+
+
+def compared(solver: Compared, view: View, first: Solution | None, config: Alternatives = PATIENT) -> Solution | None:
+    situation = Situation(
+        solver.predicted,
+        view.prior,
+        True,
+        0.0,
+        mean_score=1.0,
+        time_to_search=False,
+        innovation=lambda _: solver.innovation,
+    )
+    return recover(
+        solver,
+        first,
+        lambda pose: SeenFrame(replace(view, prior=pose), ()),  # type: ignore[arg-type]
+        situation,
+        config,
+        Stopwatch(),
+    )
+
+
+@pytest.fixture
+def predicted(view: View) -> FloatArray:
+    return move_pose(view.prior, view.part.box_centre, np.array([0.0, 0.01, 0, 1.0, 0, 0]))
+
+
+ALL_TRIES = ["predicted regions", "last edges", "last regions"]
+
+
+def test_no_alternative_is_tried_while_the_score_is_as_usual(part: Part, view: View, predicted: FloatArray) -> None:
+    for score, tries in ((0.8, 0), (0.79, 4)):
+        solver = Compared(part, predicted, dict.fromkeys(ALL_TRIES, 0.9), refined=0.9)
+        first = first_try(view, score)
+        assert (compared(solver, view, first) is first) == (tries == 0)
+        assert len(solver.tried) == tries
+
+
+def test_the_best_alternative_is_refined(part: Part, view: View, predicted: FloatArray) -> None:
+    for best in ALL_TRIES:
+        solver = Compared(part, predicted, {**dict.fromkeys(ALL_TRIES, 0.5), best: 0.6}, refined=0.9)
+        found = compared(solver, view, first_try(view, 0.5))
+        assert found is not None
+        assert found.score == 0.9
+        assert solver.tried == [*ALL_TRIES, "refined"]
+        expected = predicted if best == "predicted regions" else view.prior
+        np.testing.assert_array_equal(found.cam_T_obj, expected)
+
+
+def test_an_alternative_much_worse_than_the_first_try_is_not_refined(
+    part: Part, view: View, predicted: FloatArray
+) -> None:
+    for score, refined in ((0.449, False), (0.451, True)):
+        solver, first = Compared(part, predicted, {"last edges": score}, refined=0.9), first_try(view, 0.5)
+        assert (compared(solver, view, first) is first) != refined
+        assert ("refined" in solver.tried) == refined
+
+
+@pytest.mark.parametrize(("innovation", "needed"), [(0.0, 0.53), (5.0, 0.58), (10.0, 0.63), (1000.0, 0.63)], ids=str)
+def test_an_alternative_must_be_better_by_more_the_less_it_was_expected(
+    part: Part, view: View, predicted: FloatArray, innovation: float, needed: float
+) -> None:
+    for refined in (needed - 1e-3, needed + 1e-3):
+        solver = Compared(part, predicted, {"last edges": 0.5}, refined=refined, innovation=innovation)
+        first = first_try(view, 0.5)
+        assert (compared(solver, view, first) is not first) == (refined > needed)
+
+
+def test_without_a_first_try_any_plausible_alternative_will_do(part: Part, view: View, predicted: FloatArray) -> None:
+    found = compared(Compared(part, predicted, {"last edges": 0.1}, refined=0.1, innovation=99.0), view, None)
+    assert found is not None
+    assert found.score == 0.1
+    assert compared(Compared(part, predicted, {}), view, None) is None
+    first = first_try(view, 0.1)
+    assert compared(Compared(part, predicted, {}), view, first) is first
+    jumping = Compared(part, predicted, {"last edges": 0.9}, refined=0.9, jumps=True)
+    assert compared(jumping, view, first) is first
+    assert compared(jumping, view, None) is None

@@ -105,9 +105,13 @@ def test_a_search_around_comes_back_from_some_degrees(
 
 @dataclass
 class Said:
-    """A judgement of which the quality is all that is asked."""
+    """A judgement of which the quality and the score are all that is asked."""
 
     quality: float
+
+    @property
+    def score(self) -> float:
+        return self.quality
 
 
 @dataclass
@@ -123,7 +127,7 @@ class Noted:
         self.solved.append((start, levels))
         if self.blind and levels is None:
             return None
-        return Solution(start, Said(start.cam_T_obj[0, 3]), 0.0)  # type: ignore[arg-type]
+        return Solution(start, (Said(start.cam_T_obj[0, 3]),), 0.0, None)  # type: ignore[arg-type]
 
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
         raise AssertionError("not asked for")
@@ -174,7 +178,7 @@ def test_a_search_around_turns_about_axes_and_diagonals(part: Part, seen: SeenFr
 
 def test_the_better_of_two() -> None:
     def of(value: float) -> Solution:
-        return Solution(None, Said(value), 0.0)  # type: ignore[arg-type]
+        return Solution(None, (Said(value),), 0.0, None)  # type: ignore[arg-type]
 
     low, high, same = of(0.3), of(0.5), of(0.5)
     assert better(low, high) is better(high, low) is high

@@ -262,20 +262,34 @@ class Fixed:
 
 
 class Towards:
-    """A quadratic prior with all its numbers given: weight * |rest - jacobian s|^2 wherever the estimate is."""
+    """A quadratic prior with all its numbers given: weight * |rest - jacobian s|^2 wherever the estimate is.
+
+    The weight is relative to what the image says.
+    """
 
     def __init__(self, weight: float, jacobian: FloatArray, rest: FloatArray) -> None:
-        self.hessian = weight * jacobian.T @ jacobian
         self.weight, self.jacobian, self.rest = weight, jacobian, rest
 
     def residual(self, at: Estimate) -> FloatArray:
         return self.rest
 
-    def gradient(self, at: Estimate) -> FloatArray:
-        return self.weight * self.jacobian.T @ self.residual(at)
+    def equations(self, at: Estimate, total: float) -> NormalEquations:
+        transposed = self.weight * self.jacobian.T
+        return NormalEquations(transposed @ self.jacobian, transposed @ self.residual(at))
 
-    def loss(self, at: Estimate) -> float:
+    def loss(self, at: Estimate, total: float) -> float:
         return 0.5 * self.weight * float((self.residual(at) ** 2).sum())
+
+
+class Absolute(Towards):
+    """The same with an information of its own, which the image's is held against."""
+
+    def equations(self, at: Estimate, total: float) -> NormalEquations:
+        found = super().equations(at, total)
+        return NormalEquations(found.hessian / total, found.gradient / total)
+
+    def loss(self, at: Estimate, total: float) -> float:
+        return super().loss(at, total) / total
 
 
 class PullFirst(Towards):
@@ -286,6 +300,10 @@ class PullFirst(Towards):
 
     def residual(self, at: Estimate) -> FloatArray:
         return np.array([25.0, 15.0]) - at.control_points[0]
+
+
+class PullFirstSurely(Absolute, PullFirst):
+    """The same, with an information of its own."""
 
 
 ANY = VIEW.at_pose(POSE)
@@ -308,29 +326,39 @@ def test_the_step_is_the_damped_least_squares_solution(seed: int, damping: float
 
 
 @given(seed=st.integers(0, 10_000), share=st.floats(0.01, 100.0))
-def test_several_measures_add_up_each_with_its_weight(seed: int, share: float) -> None:
+def test_several_measures_add_up_each_with_its_precision(seed: int, share: float) -> None:
+    """By the stacked rows of the head of `solvers`: all measures over the total, priors beside them."""
     rng = np.random.default_rng(seed)
     motion = Linear(rng.standard_normal((30, 6)))
     first, second = (
         Fixed(rng.standard_normal(30), rng.uniform(0.1, 2.0, 30), loss) for loss in (rng.uniform(), rng.uniform())
     )
     prior = Towards(0.3, rng.standard_normal((8, 6)), rng.standard_normal(8))
-    alone = [Problem(motion, [WeightedMeasure(measure)]).normal_equations(ANY) for measure in (first, second)]
-    both = Problem(motion, [WeightedMeasure(first, 2.0), WeightedMeasure(second, share)], [prior])
+    own = Absolute(20.0, rng.standard_normal((8, 6)), rng.standard_normal(8))
+    both = Problem(motion, [WeightedMeasure(first, 2.0), WeightedMeasure(second, share)], [prior, own])
+    # The precision of a measure multiplies its weights.
+    weights = np.concatenate([2.0 * first.weights, share * second.weights])
+    rows, right = np.tile(motion.linearised(ANY)[1](np.ones((30, 2))), (2, 1)), [first.residuals, second.residuals]
+    assert both.information(ANY).total == pytest.approx(weights.sum())
+    np.testing.assert_allclose(both.information(ANY).matrix, rows.T @ (weights[:, None] * rows), rtol=1e-9, atol=1e-9)
+    rows = np.concatenate([rows, prior.jacobian, own.jacobian])
+    residuals = np.concatenate([*right, prior.rest, own.rest])
+    weights = np.concatenate([weights / weights.sum(), np.full(8, 0.3), np.full(8, 20.0 / weights.sum())])
     found = both.normal_equations(ANY)
-    for name in ("hessian", "gradient"):
-        of_prior = prior.hessian if name == "hessian" else prior.gradient(ANY)
-        expected = 2.0 * getattr(alone[0], name) + share * getattr(alone[1], name) + of_prior
-        np.testing.assert_allclose(getattr(found, name), expected, rtol=1e-9, atol=1e-9)
-    expected_loss = 2.0 * first.loss + share * second.loss + 0.5 * 0.3 * float((prior.rest**2).sum())
+    np.testing.assert_allclose(found.hessian, rows.T @ (weights[:, None] * rows), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.gradient, rows.T @ (weights * residuals), rtol=1e-9, atol=1e-9)
+    # e is the mean, so that with one measure it is this measure's, however precise.
+    expected_loss = (2.0 * first.loss + share * second.loss) / (2.0 + share)
+    expected_loss += 0.5 * 0.3 * float((prior.rest**2).sum())
+    expected_loss += 0.5 * 20.0 * float((own.rest**2).sum()) / (30 * (2.0 + share))
     assert both.loss(ANY) == pytest.approx(expected_loss)
 
 
 def test_the_gradient_is_that_of_the_loss(edges: GeneratedEdges) -> None:
-    """A step of gradient g goes down e: the derivative of e by the variables is -g, with both measures and a prior."""
+    """A step of gradient g goes down e: the derivative of e by the variables is -g, with both measures and priors."""
     measures = [WeightedMeasure(KnownFit(edges)), WeightedMeasure(KnownFit(edges, GOAL + 3.0), 0.5)]
     motion = HomographyMotion(edges, START)
-    made = Problem(motion, measures, [PullFirst(0.2)])
+    made = Problem(motion, measures, [PullFirst(0.2), PullFirstSurely(40.0)])
     gradient = made.normal_equations(at(START)).gradient
     for k in range(8):
         step = 1e-4 * np.eye(8)[k]

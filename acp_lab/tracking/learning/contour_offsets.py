@@ -47,6 +47,8 @@ class OffsetConfig:
         sample_inertia, cell_inertia, class_inertia: weights, in numbers of measurements, of the coarser
             estimate (cell, all outlines, prior) beside the finer one.
         largest: no measured offset is taken as larger.
+        follow_rate: share of what a frame shows beside the expected offset that is taken over, where the offset is not
+            known at all; follow_noise: mm, scatter of what a frame shows, which lowers that share. 0 for never.
     """
 
     kind: ClassVar[str] = "on"
@@ -65,6 +67,8 @@ class OffsetConfig:
     cell_inertia: float = 4.0
     class_inertia: float = 20.0
     largest: float = 0.8
+    follow_rate: float = 0.0
+    follow_noise: float = 0.4
 
 
 @dataclass(frozen=True)
@@ -145,6 +149,27 @@ class ContourOffsets:
         spread_px = np.where(outline, outline_spread, self.inner_spread_mm) * scale
         weights = config.edge_spread_px**2 / (config.edge_spread_px**2 + spread_px**2)
         return ExpectedOffsets(offsets_mm * px_per_mm, weights, offsets_mm, px_per_mm)
+
+    def follow(self, ids: IntArray, outline: BoolArray, expected: ExpectedOffsets, residuals_px: FloatArray) -> None:
+        """Take over a share of what a tracked frame shows, the larger the less is known of a sample.
+
+        Args:
+            residuals_px: (n,) from the expected to the seen place along the normals, NaN where nothing was seen.
+        """
+        config = self.config
+        if not config.follow_rate:
+            return
+        near = np.abs(np.nan_to_num(residuals_px, nan=np.inf)) < 2.0
+        rows = np.flatnonzero(near & (expected.px_per_mm != 0.0))
+        role, ids = outline[rows].astype(np.intp), ids[rows]
+        count = self._sample_count[ids, role]
+        spread = np.where(count > 0, config.known_spread, config.unknown_spread)
+        spread = np.where(outline[rows], spread, self.inner_spread_mm)
+        share = config.follow_rate * spread**2 / (spread**2 + config.follow_noise**2)
+        moved = share * residuals_px[rows] / expected.px_per_mm[rows]
+        offsets_mm = expected.offsets_mm[rows]
+        moved = np.clip(offsets_mm + moved, -config.largest, config.largest) - offsets_mm
+        self._sample_sum[ids, role] += moved * (config.sample_inertia + count)
 
     def observe_scatter(
         self, ids: IntArray, outline: BoolArray, residuals_px: FloatArray, jacobian: FloatArray

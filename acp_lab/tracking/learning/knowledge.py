@@ -135,5 +135,7 @@ class SampleKnowledge:
         if self.offsets is not None:
             rows = matches.at.lines(matches.points_obj, matches.normals).jacobian
             self.offsets.observe_scatter(ids, outline, residuals_px, rows)
+            if matches.expected is not None:
+                self.offsets.follow(ids, outline, matches.expected, matches.sure_residuals_px)
         if self.reliability is not None:
             self.reliability.learn(ids, outline, residuals_px)

@@ -59,6 +59,7 @@ class Judgement(Protocol):
         edges: n edge points that were judged.
         residuals_px: (n,) signed px along the normals to the image edge of each, NaN where none was found.
         quality: in [0, 1].
+        score: what poses of one frame are compared by.
         loss: e as `TrackResult.loss` reports it.
         matches: which image edges were chosen, for those who learn from them; None where there is no choice.
         target_view: what was found in the image, for those who look inside.
@@ -71,18 +72,24 @@ class Judgement(Protocol):
     @property
     def quality(self) -> float: ...
     @property
+    def score(self) -> float: ...
+    @property
     def loss(self) -> float: ...
     @property
     def matches(self) -> Matches | None: ...
     @property
     def target_view(self) -> TargetView: ...
 
+    def learn(self, trusted: bool) -> None:
+        """Take in what the target keeps of a solved frame; trusted: its pose was given and is exact."""
+        ...
+
 
 QUALITY_SIGMA_PX = 1.5
 """How near an image edge must lie to count as found."""
 
 
-def check_weight(weight: float) -> None:
-    """TrackingError for a measure's weight that is not above 0."""
-    if not 0.0 < weight < float("inf"):
-        raise TrackingError(f"targets.weight = {weight:g}: give a number above 0")
+def check_precision(precision: float) -> None:
+    """TrackingError for a precision that is not above 0."""
+    if not 0.0 < precision < float("inf"):
+        raise TrackingError(f"targets.precision = {precision:g}: give a number above 0")

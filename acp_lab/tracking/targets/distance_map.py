@@ -20,12 +20,13 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.imaging.canny import CannyConfig, canny, to_grey
 from acp_lab.imaging.distance import distance_map
+from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
 from acp_lab.tracking.losses import LossForm, edge_loss
 from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_weight
+from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_precision
 
 Denoiser = Literal["none", "median", "bilateral", "nonlocal-means"]
 
@@ -60,14 +61,15 @@ class DistanceMap:
     Attributes:
         loss: e(I) of a distance, see `losses`; "printed" cannot be minimised and is refused.
         edge_map: how the edges of the frame are found.
-        weight: of this measure beside others.
+        precision: information of an edge point of full weight, per squared px; how much this measure counts beside
+            others and beside a motion prior.
     """
 
     kind: ClassVar[str] = "distance-map"
     searches: ClassVar[bool] = False
     loss: LossForm = "geman-mcclure"
     edge_map: EdgeMapConfig = field(default_factory=EdgeMapConfig)
-    weight: float = 1.0
+    precision: float = 6.0
 
     def __post_init__(self) -> None:
         if self.loss == "printed":
@@ -75,7 +77,15 @@ class DistanceMap:
                 "loss form printed: eq. 6 has a pole at D = alpha and no minimum: choose logistic, saturating, "
                 "geman-mcclure or tukey"
             )
-        check_weight(self.weight)
+        check_precision(self.precision)
+
+    def memory(self, model: PreparedPart) -> DistanceMap:
+        """A distance map keeps nothing from frame to frame."""
+        return self
+
+    def precision_at(self, level: Level) -> float:
+        """The same at all levels."""
+        return self.precision
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> DistanceMapTarget:
         """The target of one frame."""
@@ -150,6 +160,14 @@ class DistanceJudgement:
     loss: float
     target: DistanceTarget
     matches: None = None
+
+    @property
+    def score(self) -> float:
+        """The quality."""
+        return self.quality
+
+    def learn(self, trusted: bool) -> None:
+        """A distance map keeps nothing."""
 
     @property
     def target_view(self) -> TargetView:

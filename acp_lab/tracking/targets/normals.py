@@ -17,11 +17,12 @@ from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.imaging.edge_search import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
+from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView
 from acp_lab.tracking.learning.knowledge import Matches, SampleKnowledge
 from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_weight
+from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_precision
 from acp_lab.tracking.targets.soft_assignment import Assignment, mixture_loss, robust_loss, soft_assignment
 
 # The search has whole pixels; a narrower capture range would only pick among their rounding errors.
@@ -40,7 +41,9 @@ class NormalSearch:
         bind: search once per "level", at its start, or at every "step".
         outlier: mass of "no image edge belongs here" in the soft assignment.
         min_score: candidates below it are noise.
-        weight: of this measure beside others.
+        plain_share: how much of the score by which poses are compared leaves out what the memory says.
+        precision: information of an edge point of full weight, per squared px; how much this measure counts beside
+            others and beside a motion prior.
     """
 
     kind: ClassVar[str] = "normals"
@@ -49,14 +52,23 @@ class NormalSearch:
     bind: Literal["level", "step"] = "level"
     outlier: float = 0.5
     min_score: float = 0.02
-    weight: float = 1.0
+    plain_share: float = 0.0
+    precision: float = 6.0
 
     def __post_init__(self) -> None:
-        check_weight(self.weight)
+        check_precision(self.precision)
         if not self.outlier > 0.0:
             raise TrackingError(f"targets.outlier = {self.outlier:g}: give a mass above 0")
         if not 0.0 <= self.min_score < 1.0:
             raise TrackingError(f"targets.min_score = {self.min_score:g}: give a score from 0 to 1")
+
+    def memory(self, model: PreparedPart) -> NormalSearch:
+        """What is kept from frame to frame is the method's `SampleKnowledge`."""
+        return self
+
+    def precision_at(self, level: Level) -> float:
+        """Information of an edge point of full weight at a level, per squared px."""
+        return self.precision * level.edge_share
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
         """The target of one frame."""
@@ -119,6 +131,21 @@ class NormalMeasure:
         if self.expected is not None:
             self.targets = self.targets - self.expected.offsets_px[:, None]
         self._trust = knowledge.trust(edges, self.expected, self._sigma_px)
+
+    @property
+    def knowledge(self) -> SampleKnowledge:
+        """What is known of the samples."""
+        return self._target.knowledge
+
+    @property
+    def plain_share(self) -> float:
+        """See `NormalSearch`."""
+        return self._target.config.plain_share
+
+    def plain_quality(self, distances: FloatArray) -> float:
+        """The quality of distances (n, m) px to the candidates, whatever the memory says of these."""
+        scores = self.candidates.scores * self.edges.weights[:, None]
+        return float((scores * np.exp(-0.5 * (distances / QUALITY_SIGMA_PX) ** 2)).max(1).mean())
 
     @property
     def points_obj(self) -> FloatArray:
@@ -233,6 +260,18 @@ class NormalJudgement:
     def quality(self) -> float:
         """In [0, 1]: mean over the points of `found`; 0 without points."""
         return float(self.found.mean()) if len(self.found) else 0.0
+
+    @property
+    def score(self) -> float:
+        """The quality, for a share without what the memory says."""
+        share = self.measure.plain_share
+        return (1.0 - share) * self.quality + (share * self.measure.plain_quality(self.distances) if share else 0.0)
+
+    def learn(self, trusted: bool) -> None:
+        """What was learnt goes into the method's `SampleKnowledge`."""
+        matches = self.matches
+        if matches is not None:
+            self.measure.knowledge.learn(matches)
 
     @cached_property
     def residuals_px(self) -> FloatArray:

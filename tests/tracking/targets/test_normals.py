@@ -282,7 +282,7 @@ def test_other_numbers_of_points_are_fine_at_every_step(
         ({"outlier": float("nan")}, "targets.outlier = nan"),
         ({"min_score": -0.1}, "targets.min_score = -0.1: give a score from 0 to 1"),
         ({"min_score": 1.0}, "targets.min_score = 1"),
-        ({"weight": 0.0}, "targets.weight = 0: give a number above 0"),
+        ({"precision": 0.0}, "targets.precision = 0: give a number above 0"),
     ],
 )
 def test_settings_that_make_no_search_are_refused(settings: dict[str, float], words: str) -> None:

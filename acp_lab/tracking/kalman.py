@@ -1,0 +1,129 @@
+"""A Kalman filter of a rigid motion: constant velocity with random accelerations.
+
+The state is the pose and its velocity per frame; errors are pose steps about the part's centre, in camera axes (rad,
+mm), so that the filter is linear in them (Barfoot, "State Estimation for Robotics", 2017, chapter 8). Its prediction
+knows how sure it is, and its innovation, how far a frame was from it, widens the accelerations that it allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose_step import move_pose, pose_step_between
+
+
+@dataclass(frozen=True)
+class KalmanPrediction:
+    """Configuration: constant velocity, with its uncertainty.
+
+    Attributes:
+        turn_deg, shift_mm: standard deviation of the acceleration, per frame and frame.
+        speed_share: the same, as a share of the speed: what moves fast also changes its motion fast.
+        most_widening: how many times the variance of the acceleration may grow by the innovation.
+        hold_below: a pose of less quality is not taken in: the part is held where it was last seen.
+        first_turn_deg, first_shift_mm: standard deviation of a start pose; first_speed: of its motion, as multiples
+            of these per frame.
+    """
+
+    kind: ClassVar[str] = "kalman"
+    turn_deg: float = 0.7
+    shift_mm: float = 1.5
+    speed_share: float = 0.2
+    most_widening: float = 30.0
+    hold_below: float = 0.0
+    first_turn_deg: float = 0.3
+    first_shift_mm: float = 0.5
+    first_speed: float = 25.0
+
+    def predictor(self, centre_obj: FloatArray) -> PoseKalman:
+        """For a part with its centre at (3,) mm."""
+        return PoseKalman(centre_obj, self)
+
+
+class PoseKalman:
+    """The filter of one part. innovation: of the last frame, squared, per degree of freedom; about 1 if all is well."""
+
+    def __init__(self, centre_obj: FloatArray, config: KalmanPrediction) -> None:
+        self._centre_obj = centre_obj
+        self._config = config
+        self._last: FloatArray | None = None
+        self._transition = np.eye(12)
+        self._transition[:6, 6:] = np.eye(6)
+
+    @property
+    def last(self) -> FloatArray:
+        """(4, 4) the last pose taken in."""
+        if self._last is None:
+            raise ValueError("no pose observed yet: call restart first")
+        return self._last
+
+    @property
+    def moves(self) -> bool:
+        """Whether the filter knows a velocity."""
+        return bool(self._velocity.any())
+
+    def restart(self, cam_T_obj: FloatArray) -> None:
+        """Forget the past; the part rests at `cam_T_obj` (4, 4), for all that is known."""
+        config = self._config
+        first = np.array([np.radians(config.first_turn_deg)] * 3 + [config.first_shift_mm] * 3)
+        self._last = cam_T_obj
+        self._velocity = np.zeros(6)
+        self._covariance = np.diag(np.concatenate([first, config.first_speed * first]) ** 2)
+        self._widening = 1.0
+        self.innovation = 0.0
+
+    def predict(self) -> FloatArray:
+        """(4, 4) the pose expected in the next frame."""
+        return move_pose(self.last, self._centre_obj, self._velocity)
+
+    def information(self) -> FloatArray:
+        """(6, 6) inverse covariance of that pose."""
+        return np.asarray(np.linalg.inv(self._predicted()[:6, :6]), np.float64)
+
+    def innovation_of(self, cam_T_obj: FloatArray) -> float:
+        """How far a pose (4, 4) is from the predicted one: squared, normalised, per degree of freedom."""
+        off = pose_step_between(self.predict(), cam_T_obj, self._centre_obj)
+        return float(off @ self.information() @ off) / 6.0
+
+    def coast(self) -> None:
+        """A frame without an image: the motion goes on, less surely."""
+        self._last, self._covariance = self.predict(), self._predicted()
+
+    def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
+        """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone."""
+        if quality <= self._config.hold_below:
+            last, covariance = self.last, self._predicted()
+            self._velocity, self._covariance, self._last = np.zeros(6), covariance, last
+            return
+        prior, covariance = self.information(), self._predicted()
+        off = pose_step_between(self.predict(), cam_T_obj, self._centre_obj)
+        gain = covariance[:, :6] @ prior
+        posterior = np.linalg.inv(prior + (prior if information is None else information))
+        self._velocity = self._velocity + gain[6:] @ off
+        covariance = covariance - gain @ (covariance[:6, :6] - posterior) @ gain.T
+        self._covariance = 0.5 * (covariance + covariance.T)
+        self._last = cam_T_obj
+        self.innovation = float(off @ prior @ off) / 6.0
+        if self.innovation > 1.0:
+            self._widening = min(self._widening * min(self.innovation, 4.0), self._config.most_widening)
+        else:
+            self._widening = max(1.0, 0.8 * self._widening)
+
+    def _predicted(self) -> FloatArray:
+        """(12, 12) covariance of pose and velocity in the next frame."""
+        config, share = self._config, self._config.speed_share
+        turn, shift = np.linalg.norm(self._velocity[:3]), np.linalg.norm(self._velocity[3:])
+        variance = self._widening * np.repeat(
+            [
+                np.radians(config.turn_deg) ** 2 + (share * turn) ** 2,
+                config.shift_mm**2 + (share * shift) ** 2,
+            ],
+            3,
+        )
+        noise = np.kron([[0.25, 0.5], [0.5, 1.0]], np.diag(variance))
+        predicted: FloatArray = self._transition @ self._covariance @ self._transition.T + noise
+        return predicted

@@ -1,0 +1,69 @@
+"""Colours of the part and of its background, kept over time: two histograms, and what a pixel's colour says.
+
+As in region-based trackers (Prisacariu and Reid, "PWP3D", 2012; Stoiber et al., "SRT3D", 2022): 32 bins per channel,
+running means over the frames, log-odds of a pixel being the part's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
+
+_BINS = 32
+
+
+@dataclass(frozen=True)
+class ColourConfig:
+    """How colours are learnt.
+
+    Attributes:
+        rate: share of a new frame in the running histograms.
+        reach_px: how far from the outline pixels still teach.
+        least_share: added to every bin's share of pixels; a colour never seen says nothing.
+        certainty: a pixel is the part's with at least this probability, and at most with one less it; in (0.5, 1).
+    """
+
+    rate: float = 0.2
+    reach_px: int = 20
+    least_share: float = 2e-5
+    certainty: float = 0.97
+
+
+class RegionColours:
+    """Histograms of the part (foreground) and of what is around it (background)."""
+
+    def __init__(self, config: ColourConfig) -> None:
+        self.config = config
+        self._foreground: FloatArray | None = None
+        self._background: FloatArray | None = None
+        self.log_odds: Float32Array = np.zeros(_BINS**3, np.float32)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether anything was learnt yet."""
+        return self._foreground is not None
+
+    @staticmethod
+    def bins(image: ByteImage) -> IntArray:
+        """(h, w) bin of every pixel of an image (h, w, 3) uint8 RGB."""
+        coarse = (image >> 3).astype(np.int64)
+        return (coarse[..., 0] << 10) | (coarse[..., 1] << 5) | coarse[..., 2]
+
+    def learn(self, inside: IntArray, outside: IntArray) -> None:
+        """Take in the bins (n,) of pixels of the part and (m,) of its background; nothing where either is empty."""
+        if not (len(inside) and len(outside)):
+            return
+        seen = [np.bincount(bins, minlength=_BINS**3) / len(bins) for bins in (inside, outside)]
+        if self._foreground is None or self._background is None:
+            self._foreground, self._background = seen[0], seen[1]
+        else:
+            rate = self.config.rate
+            self._foreground = self._foreground + rate * (seen[0] - self._foreground)
+            self._background = self._background + rate * (seen[1] - self._background)
+        least, sure = self.config.least_share, self.config.certainty
+        share = (self._foreground + least) / (self._foreground + self._background + 2.0 * least)
+        share = np.clip(share, 1.0 - sure, sure)
+        self.log_odds = np.log(share / (1.0 - share)).astype(np.float32)
