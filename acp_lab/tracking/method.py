@@ -85,6 +85,7 @@ class Method:
         searches = any(target.searches for target in self.targets)
         judges_matches = any(target.searches for target in self.targets[:1])
         binds_levels = any(isinstance(target, NormalSearch) and target.bind == "level" for target in self.targets)
+        sees_regions = any(isinstance(target, RegionLines) for target in self.targets)
         varies_points = isinstance(self.variables, ControlPointVariables)
         checks = (
             (bool(self.targets), "targets: is empty: give one or more"),
@@ -102,6 +103,10 @@ class Method:
                 isinstance(self.learning, Off) or (judges_matches and self.source.knows_samples),
                 'learning: needs a first target that searches along "normals" and a source of CAD samples '
                 '("cad-samples" or "painted-samples")',
+            ),
+            (
+                not (sees_regions and isinstance(self.learning, Off)),
+                'targets.kind = "regions": its colours are learnt with the samples: give learning.kind = "samples"',
             ),
             (
                 not (self._regenerates and binds_levels),
@@ -151,7 +156,7 @@ ACP_FUSED = replace(
     targets=(NormalSearch(plain_share=0.3), RegionLines()),
     priors=(ControlPointDamping(), MotionPrior()),
     prediction=KalmanPrediction(),
-    start=TrustedStart(agreement_alone=0.65),
+    start=TrustedStart(agreement_alone=0.8),
     recovery=Alternatives(),
     learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.2), learn_above=0.5),
 )
