@@ -174,6 +174,11 @@ def test_a_missing_generator_names_the_command(name: str, model: PreparedPart) -
             {"targets": (DistanceMap(), NormalSearch()), "learning": SampleLearning()},
             "learning: needs a first target that searches",
         ),
+        (
+            replace(ACP, targets=(NormalSearch(), RegionLines())),
+            {"learning": Off()},
+            'targets.kind = "regions": its colours are learnt with the samples',
+        ),
         (ACP, {"source": CadSamples(inset_outlines=True)}, "source.inset_outlines and learning.offsets"),
         (ACP, {"source": PaintedSamples()}, "source.inset_outlines and learning.offsets"),
         (

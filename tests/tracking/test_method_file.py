@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 
 from acp_lab.errors import InputFileError
 from acp_lab.imaging.edge_search import SearchConfig
+from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+from acp_lab.tracking.learning.region_colours import ColourConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig
 from acp_lab.tracking.method import ACP, ACP_PAPER, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.method_file import read_method, to_toml
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
-from acp_lab.tracking.priors import ControlPointDamping, RigidityPrior
-from acp_lab.tracking.recovery import SecondTries
+from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior
+from acp_lab.tracking.recovery import Alternatives, SecondTries
 from acp_lab.tracking.schedule import Level, PixelSchedule, ShareSchedule
 from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt
 from acp_lab.tracking.sources.painted import PaintedRidges
@@ -26,6 +28,7 @@ from acp_lab.tracking.start import TrustedStart
 from acp_lab.tracking.states import StateConfig
 from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
+from acp_lab.tracking.targets.regions import RegionLines
 
 # In these every setting differs from what `acp` and `acp-paper` have.
 RIDGES = Method(
@@ -49,12 +52,12 @@ NORMALS = Method(
     name="both",
     source=CadSamples("templates"),
     variables=PoseVariables("step"),
-    targets=(NormalSearch(SearchConfig(2.0, 4, 9.0), "step", 0.3, 0.1, 2.0), DistanceMap()),
-    schedule=PixelSchedule((Level(9, 3.0), Level(6, 1.5, 77))),
+    targets=(NormalSearch(SearchConfig(2.0, 4, 9.0), "step", 0.3, 0.1, 0.4, 2.0), DistanceMap()),
+    schedule=PixelSchedule((Level(9, 3.0), Level(6, 1.5, 77, 0.5))),
     priors=(),
     solver=LevenbergMarquardt(7, 0.5),
     prediction=LastPosePrediction(),
-    start=TrustedStart(0.8, 0.9, 1.0, 0.1, 3.0, 2),
+    start=TrustedStart(0.8, 0.9, 1.0, 0.1, 3.0, 2, 0.6),
     learning=SampleLearning(
         memory=Off(),
         offsets=OffsetConfig(known_spread=0.5, inner_limits=(0.2, 0.9)),
@@ -63,7 +66,25 @@ NORMALS = Method(
         trust_from_sigma_px=1.0,
     ),
 )
-EVERY = [*METHODS.values(), RIDGES, NORMALS, replace(NORMALS, solver=GaussNewton(9, 0.1), learning=Off())]
+FUSED = Method(
+    name="fused",
+    targets=(
+        NormalSearch(),
+        RegionLines(50, 12.0, ColourConfig(0.1, 9, 1e-4, 0.9), 3.0, 0.5, 1.5, (0.1, 0.2), 0.5, 1.0, 0.3, 2.0, 0.7, 1.5),
+    ),
+    priors=(MotionPrior(), ControlPointDamping()),
+    prediction=KalmanPrediction(1.0, 2.0, 0.1, 5.0, 0.15, 1.5, 2.5, 3.0),
+    start=TrustedStart(agreement_alone=0.65),
+    recovery=Alternatives(0.7, 0.1, 0.2, 0.01, 5.0),
+)
+EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=GaussNewton(9, 0.1), learning=Off())]
+
+
+def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
+    region, prediction, recovery = FUSED.targets[1], FUSED.prediction, FUSED.recovery
+    for part in (region, region.colours, prediction, recovery):  # type: ignore[union-attr]
+        for item in fields(part):
+            assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name
 
 
 @pytest.mark.parametrize("method", EVERY, ids=lambda method: method.name)
