@@ -38,6 +38,7 @@ class SecondTries:
     finalists: int = 3
 
 
+# With edges that hardly count, from where regions see the part; with all of them; and the last level of both.
 REGIONS_FIRST = (Level(20, 8.0, 250, 0.01), Level(14, 5.0, 250, 0.02), Level(8, 2.0, 400, 0.1))
 EDGES_TOO = (Level(20, 8.0, 250), Level(14, 5.0, 250), Level(8, 2.0, 400))
 LAST_LEVEL = (Level(5, 1.0, 600),)

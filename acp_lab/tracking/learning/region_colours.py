@@ -33,7 +33,10 @@ class ColourConfig:
 
 
 class RegionColours:
-    """Histograms of the part (foreground) and of what is around it (background)."""
+    """Histograms of the part (foreground) and of what is around it (background).
+
+    log_odds: (32768,) natural, of a pixel being the part's, by its bin; 0 where nothing is known.
+    """
 
     def __init__(self, config: ColourConfig) -> None:
         self.config = config

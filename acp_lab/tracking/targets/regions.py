@@ -91,6 +91,9 @@ class RegionMemory:
     """What is kept from frame to frame: colours, and where and how steadily each outline sample's boundary was found.
 
     margin: running difference of the mean probabilities inside and outside the outline.
+    offsets_mm: (n,) of the part's n edge samples, outwards from the CAD's outline to the colours' boundary.
+    mean_square: (n,) px^2, running mean of how far beside that it was found.
+    known: (n,) bool, whether a sample was ever a line.
     """
 
     def __init__(self, config: RegionLines, model: PreparedPart) -> None:
@@ -121,7 +124,10 @@ class RegionMemory:
 
 
 class RegionTarget:
-    """The colours of one frame around the part."""
+    """The colours of one frame around the part.
+
+    bins: (h, w) of the crop's pixels, see `RegionColours.bins`; origin: (x, y) px of its first pixel in the full image.
+    """
 
     def __init__(self, view: FrameView, memory: RegionMemory) -> None:
         height, width = view.image.shape[:2]
@@ -264,7 +270,10 @@ class CorrespondenceLines:
 
 
 class RegionMeasure:
-    """Where colours say that the part ends, for the lines of one level."""
+    """Where colours say that the part ends, for the lines of one level.
+
+    directions: (n, 2) unit, the normals of the level's n edge points; those that are no lines have weight 0.
+    """
 
     def __init__(self, target: RegionTarget, edges: GeneratedEdges, at: Estimate, level: Level) -> None:
         memory, config = target.memory, target.memory.config
@@ -305,7 +314,7 @@ class RegionMeasure:
 
 @dataclass(frozen=True, eq=False)
 class RegionMeasurement:
-    """See `solvers.Measurement`."""
+    """See `solvers.Measurement`: residuals (n,) px along directions (n, 2), weights (n,)."""
 
     residuals: FloatArray
     directions: FloatArray
