@@ -118,6 +118,26 @@ def test_equal_agreement_lets_the_solved_pose_lie_further_away(
     assert is_trusted(solver, seen, moved, TrustedStart()) is trusted
 
 
+@pytest.mark.parametrize(("ratio", "trusted"), [(0.66, True), (0.64, False)])
+@pytest.mark.parametrize("farther", [0.015, 0.045, 0.2])
+def test_agreement_alone_trusts_a_start_however_far_the_solved_pose(
+    part: Part, model: PreparedPart, monkeypatch: pytest.MonkeyPatch, farther: float, ratio: float, trusted: bool
+) -> None:
+    pose = looking_at(part, np.array(WAYS["above"]), 330.0, 0.3)
+    solver, frame = FrameSolver(model, ACP), first_frame(part, pose)
+    away = pose.copy()
+    away[:3, 3] += farther * centre_position(pose, part.box_centre)
+    seen = solver.look(frame.image, CAMERA, pose, 4)
+    assert seen is not None
+    solved = solver.solve(seen, seen.view.at_pose(pose), Stopwatch())
+    assert solved is not None
+    moved = replace(solved, estimate=seen.view.at_pose(away))
+    for config, expected in ((TrustedStart(agreement_alone=0.65), trusted), (TrustedStart(), False)):
+        agreements = iter((0.6 * ratio, 0.6))
+        monkeypatch.setattr(solver, "agreement", lambda *_, said=agreements: next(said))
+        assert is_trusted(solver, seen, moved, config) is expected
+
+
 def test_a_method_without_a_first_look_solves_from_the_given_pose(
     part: Part, model: PreparedPart, truth: FloatArray
 ) -> None:

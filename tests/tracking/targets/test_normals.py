@@ -217,6 +217,27 @@ def test_an_estimate_is_judged_by_its_best_candidates(
     assert qualities[0] > qualities[1] > qualities[2]
 
 
+def test_a_share_of_the_score_leaves_out_what_the_memory_says(
+    at: Estimate, edges: GeneratedEdges, model: PreparedPart
+) -> None:
+    assert isinstance(at.view, FrameView)
+    knowledge = SampleKnowledge(SampleLearning(), model)
+    matches = target_of(at, NormalSearch(), knowledge).search(edges, at, LEVEL).judge(edges, edges, at).matches
+    assert matches is not None
+    knowledge.learn(matches)
+    # The same edges, dark where they were bright.
+    negative = replace(at, view=replace(at.view, image=255 - at.view.image))
+    judged = {}
+    for share in (0.0, 0.3, 1.0):
+        measure = target_of(negative, NormalSearch(plain_share=share), knowledge).search(edges, negative, LEVEL)
+        judged[share] = measure.judge(edges, edges, negative)
+    quality = judged[0.0].quality
+    assert judged[0.0].score == quality
+    assert judged[1.0].score > 1.5 * quality
+    assert judged[0.3].score == pytest.approx(0.7 * quality + 0.3 * judged[1.0].score)
+    assert {each.quality for each in judged.values()} == {quality}, "what is reported stays"
+
+
 def test_matches_are_for_known_samples_only(
     measure: NormalMeasure, edges: GeneratedEdges, at: Estimate, target: NormalTarget
 ) -> None:
@@ -270,6 +291,12 @@ def test_other_numbers_of_points_are_fine_at_every_step(
     target = target_of(at, NormalSearch(bind="step"), SampleKnowledge(Off(), model))
     fewer = source.generate(aside(at, 2.0), 50)
     assert len(target.bind(edges, at, LEVEL)(fewer).residuals) == 50
+
+
+def test_edges_count_by_the_levels_share() -> None:
+    config = NormalSearch(precision=3.0)
+    assert config.precision_at(Level(8, 2.0)) == 3.0
+    assert config.precision_at(Level(8, 2.0, edge_share=0.01)) == pytest.approx(0.03)
 
 
 # ---- settings ------------------------------------------------------------------------------------------------
