@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import move_pose, pose_step_between
 
@@ -39,6 +40,13 @@ class KalmanPrediction:
     first_shift_mm: float = 0.5
     first_speed: float = 25.0
 
+    def __post_init__(self) -> None:
+        for name in ("turn_deg", "shift_mm", "first_turn_deg", "first_shift_mm", "first_speed"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise TrackingError(f"prediction.{name} = {getattr(self, name):g}: give a number above 0")
+        if not (self.speed_share >= 0.0 and self.most_widening >= 1.0):
+            raise TrackingError("prediction: speed_share must be 0 or more, most_widening 1 or more")
+
     def predictor(self, centre_obj: FloatArray) -> PoseKalman:
         """For a part with its centre at (3,) mm."""
         return PoseKalman(centre_obj, self)
@@ -64,7 +72,7 @@ class PoseKalman:
     @property
     def moves(self) -> bool:
         """Whether the filter knows a velocity."""
-        return bool(self._velocity.any())
+        return self._last is not None and bool(self._velocity.any())
 
     def restart(self, cam_T_obj: FloatArray) -> None:
         """Forget the past; the part rests at `cam_T_obj` (4, 4), for all that is known."""

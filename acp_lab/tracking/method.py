@@ -89,6 +89,10 @@ class Method:
         varies_points = isinstance(self.variables, ControlPointVariables)
         checks = (
             (bool(self.targets), "targets: is empty: give one or more"),
+            (
+                not isinstance(next(iter(self.targets), None), RegionLines),
+                'targets: regions say nothing of the inside: put edges first, such as "normals"',
+            ),
             (0.0 <= self.margin_px <= 1000.0, f"margin_px = {self.margin_px:g}: give px from 0 to 1000"),
             (
                 searches or not isinstance(self.schedule, PixelSchedule),

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import PoseSolver, SearchPlan, better, is_plausible, ring, search, search_around
@@ -61,6 +62,11 @@ class Alternatives:
     gain: float = 0.03
     innovation_cost: float = 0.003
     most_innovation: float = 30.0
+
+    def __post_init__(self) -> None:
+        for name in ("below", "slack", "gain", "innovation_cost", "most_innovation"):
+            if not 0.0 <= getattr(self, name) < float("inf"):
+                raise TrackingError(f"recovery.{name} = {getattr(self, name):g}: give 0 or more")
 
 
 @dataclass(frozen=True, eq=False)

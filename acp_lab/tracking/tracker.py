@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.errors import PreparationError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
@@ -24,7 +25,7 @@ from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.observer import Observer
-from acp_lab.tracking.recovery import Situation, recover
+from acp_lab.tracking.recovery import Alternatives, Situation, recover
 from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.search import is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
@@ -119,9 +120,10 @@ class Tracker:
         self._started = True
         self._learn(solution, clock, self._trusted)
         self._mean_quality = solution.judgement.quality
-        # Again, with what the first frame taught.
-        again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock) if seen else None
-        self._mean_score = (again or solution).score
+        if seen is not None and isinstance(self.method.recovery, Alternatives):
+            # Again, with what the first frame taught.
+            again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
+            self._mean_score = (again or solution).score
         return self._result(frame, pose, solution, clock, begin_s, "")
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -171,7 +173,7 @@ class Tracker:
         self._states = StateMachine(self.method.states)
         self._started = self._trusted = False
         self._region = 0
-        self._warned = False
+        self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
         self._mean_quality = self._mean_score = 0.0
         self._carried = None
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose, pose_step_between
@@ -275,3 +276,15 @@ def test_the_origin_of_the_object_frame_plays_no_part() -> None:
 def test_before_any_pose_there_is_nothing_to_predict() -> None:
     with pytest.raises(ValueError, match="no pose observed yet"):
         PLAIN.predictor(CENTRE).predict()
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"), [("turn_deg", 0.0), ("shift_mm", -1.0), ("first_speed", float("nan")), ("speed_share", -0.1)]
+)
+def test_settings_that_no_motion_has_are_refused(setting: str, value: float) -> None:
+    with pytest.raises(TrackingError, match=f"prediction.*{setting}"):
+        KalmanPrediction(**{setting: value})
+
+
+def test_before_the_first_pose_nothing_moves() -> None:
+    assert not KalmanPrediction().predictor(np.zeros(3)).moves

@@ -162,6 +162,7 @@ def test_a_missing_generator_names_the_command(name: str, model: PreparedPart) -
 @pytest.mark.parametrize(
     ("base", "change", "words"),
     [
+        (ACP, {"targets": (RegionLines(), NormalSearch())}, "targets: regions say nothing of the inside"),
         (BASE, {"targets": ()}, "targets: is empty"),
         (BASE, {"margin_px": -1.0}, "margin_px = -1"),
         (BASE, {"margin_px": float("nan")}, "margin_px = nan"),

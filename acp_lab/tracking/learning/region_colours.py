@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
 
 _BINS = 32
@@ -30,6 +31,17 @@ class ColourConfig:
     reach_px: int = 20
     least_share: float = 2e-5
     certainty: float = 0.97
+
+    def __post_init__(self) -> None:
+        checks = (
+            ("rate", 0.0 < self.rate <= 1.0, "a number above 0, at most 1"),
+            ("reach_px", self.reach_px >= 2, "2 or more"),
+            ("least_share", self.least_share > 0.0, "a number above 0"),
+            ("certainty", 0.5 < self.certainty < 1.0, "a probability between 0.5 and 1"),
+        )
+        for name, good, wanted in checks:
+            if not good:
+                raise TrackingError(f"colours.{name} = {getattr(self, name):g}: give {wanted}")
 
 
 class RegionColours:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import IntArray
 from acp_lab.tracking.learning.region_colours import ColourConfig, RegionColours
 
@@ -68,3 +69,11 @@ def test_one_side_alone_teaches_nothing() -> None:
     colours.learn(none, pixels((RED, 10)))
     assert not colours.is_known
     assert not colours.log_odds.any()
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"), [("rate", 0.0), ("rate", 1.5), ("reach_px", 1), ("least_share", 0.0), ("certainty", 0.5)]
+)
+def test_settings_that_teach_nothing_are_refused(setting: str, value: float) -> None:
+    with pytest.raises(TrackingError, match=f"colours.{setting} = "):
+        ColourConfig(**{setting: value})
