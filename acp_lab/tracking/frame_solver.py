@@ -190,7 +190,9 @@ class FrameSolver:
                 drawn = self.source.reproject(at, edges)
                 judgements = tuple(measure.judge(moved, drawn, at) for measure in measures)
                 loss = sum(judgement.loss for judgement in judgements)
-                information = method.variables.pose_information(problem.information(at).matrix, at)
+                information = None
+                if method.prediction.weighs_images:
+                    information = method.variables.pose_information(problem.information(at).matrix, at)
                 solution = Solution(at, judgements, loss, information, iterations, tuple(steps))
             clock.solve_s += clock.lap()
         # Not finite where the last step put some edge points behind the camera.

@@ -31,6 +31,7 @@ class KalmanPrediction:
     """
 
     kind: ClassVar[str] = "kalman"
+    weighs_images: ClassVar[bool] = True
     turn_deg: float = 0.7
     shift_mm: float = 1.5
     speed_share: float = 0.2

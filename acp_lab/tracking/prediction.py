@@ -55,6 +55,7 @@ class ConstantVelocityPrediction:
     nothing is noise, and extrapolating it runs away."""
 
     kind: ClassVar[str] = "constant-velocity"
+    weighs_images: ClassVar[bool] = False
     rest_below: float = 0.2
 
     def predictor(self, centre_obj: FloatArray) -> ConstantVelocity:
@@ -67,6 +68,7 @@ class LastPosePrediction:
     """Configuration: a frame starts where the last one ended (the paper)."""
 
     kind: ClassVar[str] = "last-pose"
+    weighs_images: ClassVar[bool] = False
 
     def predictor(self, centre_obj: FloatArray) -> LastPose:
         """For any part."""

@@ -27,7 +27,7 @@ class Solution:
         judgements: by each of the method's targets, of the edges of the last level where the estimate has them.
         loss: e, see `TrackResult.loss`.
         information: (6, 6) of the pose by the image alone, the inverse covariance of a pose step (rad, mm) about the
-            part's centre; None where the estimate was looked at only.
+            part's centre; None where the method's prediction does not ask for it, or the estimate was only looked at.
         iterations: of the solver, on all levels; steps: each of them, when they are recorded.
     """
 

@@ -256,7 +256,7 @@ class NormalJudgement:
     found: FloatArray
     loss: float
 
-    @property
+    @cached_property
     def quality(self) -> float:
         """In [0, 1]: mean over the points of `found`; 0 without points."""
         return float(self.found.mean()) if len(self.found) else 0.0
