@@ -20,7 +20,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
-from acp_lab.tracking.result import TrackResult
+from acp_lab.tracking.result import NOT_PREPARED, TrackResult
 from acp_lab.tracking.results_file import ResultsFile
 from acp_lab.tracking.session import track_sequence
 from acp_lab.tracking.tracker import Tracker
@@ -44,7 +44,7 @@ class ResultsObserver(ResultsFile):
 
 
 class Reporter:
-    """Warns of frames that cannot be read, and shows progress where somebody watches."""
+    """Warns of frames that cannot be read and of views that were not prepared, and shows progress on a terminal."""
 
     def __init__(self, total: int) -> None:
         self._progress = console.Progress()
@@ -60,6 +60,10 @@ class Reporter:
         if isinstance(frame, UnreadableFrame):
             self._progress.close()
             console.warn(f"image {frame.index}: {frame.reason}: its pose is predicted, with score 0")
+        for object_id, result in results.items():
+            if NOT_PREPARED in result.note:
+                self._progress.close()
+                console.warn(f"image {frame.index}, object {object_id}: {result.note}")
         self._progress(self._name, self._done, max(self._total, self._done) if self._total else 0)
 
     def on_end(self) -> None:

@@ -8,6 +8,9 @@ from enum import StrEnum
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
+NOT_PREPARED = "is not prepared"
+"""In the note of the frame in which a part turned to a view region that its generator was not prepared for."""
+
 
 class TrackState(StrEnum):
     """How far a pose can be trusted; chosen from the quality with hysteresis."""

@@ -26,7 +26,7 @@ from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.observer import Observer
 from acp_lab.tracking.recovery import Alternatives, Situation, recover
-from acp_lab.tracking.result import TrackResult
+from acp_lab.tracking.result import NOT_PREPARED, TrackResult
 from acp_lab.tracking.search import is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
@@ -194,7 +194,7 @@ class Tracker:
             return ""
         self._warned = True
         natural = self.solver.natural_region(predicted)
-        return f"view region {natural} is not prepared: that of region {self._region} is used; accuracy will fall"
+        return f"view region {natural} {NOT_PREPARED}: that of region {self._region} is used; accuracy will fall"
 
     def _look(
         self, frame: Frame, prior: FloatArray, clock: Stopwatch, information: FloatArray | None = None

@@ -13,15 +13,20 @@ import numpy as np
 import pytest
 
 from acp_lab.commands.track import TrackOptions, scene_jobs
+from acp_lab.commands.track_run import Reporter
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.generator.visibility import RegionNetwork
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.prepared_part.trained import RegionReport
 from acp_lab.sequences import ResultRow, ResultsWriter, read_results
+from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import METHODS
+from acp_lab.tracking.observer import SessionInfo
+from acp_lab.tracking.result import Timings, TrackResult, TrackState
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, write_dataset
 from tests.sequences.tiny_dataset import write_json
@@ -101,7 +106,7 @@ def test_every_named_method_is_one_that_track_takes(
     for name in METHODS:
         out = tmp_path / f"{name}.csv"
         outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--method", name, "--max-frames", "2")
-        if name == "acp":
+        if name in ("acp", "acp-fused"):
             assert outcome.status == 0, outcome
             assert json.loads(out.with_suffix(".run.json").read_text())["method"] == name
         else:
@@ -178,6 +183,24 @@ def test_a_start_from_a_region_that_was_not_prepared_is_one_line_and_exit_2(
     learned_only(parts, "obj_000001", seen_from)
     track(capsys, dataset, parts, out, "--object", "1")
     assert len(read_results(out)) == len(FRAME_IDS)
+
+
+def test_a_view_that_was_not_prepared_is_one_warning(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a run in which the part turns there; the tracker notes it in one frame."""
+    camera = Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
+    frame = Frame(7, np.zeros((48, 64, 3), np.uint8), camera)
+    said = "view region 0 is not prepared: that of region 4 is used; accuracy will fall"
+    quiet = TrackResult(
+        7, np.eye(4), np.eye(4), np.zeros((4, 2)), 0.1, 0.5, TrackState.TRACKING, 4, None, None, 1, Timings()
+    )
+    reporter = Reporter(0)
+    reporter.on_start(SessionInfo("scene", 1, "acp", ()))
+    for note in ("", said, "tracking -> weak: quality 0.20"):
+        reporter.on_frame(frame, {3: replace(quiet, note=note)})
+    reporter.on_end()
+    assert [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning")] == [
+        f"warning: image 7, object 3: {said}"
+    ]
 
 
 # ---- starts --------------------------------------------------------------------------------------------------
