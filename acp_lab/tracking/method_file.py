@@ -21,6 +21,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from acp_lab.errors import InputFileError, TrackingError
+from acp_lab.input_file import read_bytes
 from acp_lab.tracking.method import ACP_PAPER, METHODS, Method
 
 
@@ -39,9 +40,7 @@ def read_method(path: str | Path) -> Method:
     """
     path = Path(path)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror}): check --config") from None
+        content = tomllib.loads(read_bytes(path, "check --config", "method file").decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputFileError(f"{path}: is no TOML ({error}): fix it") from None
     except RecursionError:

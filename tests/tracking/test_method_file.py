@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -184,10 +185,17 @@ def test_what_makes_no_sense_is_named_on_one_line(text: str, words: tuple[str, .
 
 
 def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="cannot be read"):
+    with pytest.raises(InputFileError, match="no such method file: check --config"):
         read_method(tmp_path / "none.toml")
     with pytest.raises(InputFileError, match="cannot be read"):
         read_method(tmp_path)
     (tmp_path / "noise.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputFileError, match="is no TOML"):
         read_method(tmp_path / "noise.toml")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+def test_a_pipe_is_refused_without_waiting_for_it(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(InputFileError, match="is a pipe, a device or a socket, not a file: check --config"):
+        read_method(tmp_path / "pipe.toml")
