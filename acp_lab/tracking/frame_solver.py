@@ -108,9 +108,8 @@ class FrameSolver:
     def at_pose(self, seen: SeenFrame, cam_T_obj: FloatArray) -> Estimate:
         """The estimate of a pose (4, 4) in the view region that it is in, whatever that of the frame's view."""
         view = seen.view
-        return self.view(view.image, view.camera, view.prior, self.choose_region(cam_T_obj), view.box).at_pose(
-            cam_T_obj
-        )
+        region = self.choose_region(cam_T_obj)
+        return self.view(view.image, view.camera, view.prior, region, view.box).at_pose(cam_T_obj)
 
     def solve(
         self, seen: SeenFrame, start: Estimate, clock: Stopwatch, levels: tuple[Level, ...] | None = None

@@ -102,13 +102,12 @@ class NormalMeasure:
     """Candidates of one level's edge points.
 
     Attributes:
-        at: the estimate that was searched from; edges: its n points; points (n, 2) px and normals (n, 2) unit are
-        theirs.
+        at: the estimate that was searched from.
+        edges: its n points; points (n, 2) px and normals (n, 2) unit are theirs.
         candidates: image edges along the normals.
         scores: (n, m) their scores after the memory had its say.
         targets: (n, m) px along the normal from the point to where the candidate says it belongs, its expected
-        offset
-            taken off.
+            offset taken off.
         expected: those offsets, None where they are not learnt.
     """
 
