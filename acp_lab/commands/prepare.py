@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import time
 from collections.abc import Sequence
@@ -44,6 +45,8 @@ def prepare_parts(
         with Progress(f"{part.name}: ") as progress:
             prepared.append(prepare(part, options, out=out, progress=progress))
         print(f"{out / part.name}: prepared in {time.perf_counter() - start:.1f} s", flush=True)
+    # Its loops are compiled when it is first imported on a machine: now, not before somebody's first frame.
+    importlib.import_module("acp_lab.tracking.tracker")
     return tuple(prepared)
 
 

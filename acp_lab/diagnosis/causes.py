@@ -148,7 +148,7 @@ def fast_motion(innovation_px: float, reach_px: int, config: DiagnosisConfig) ->
         f"the part was {innovation_px:.0f} px from its predicted position; image edges are searched for within "
         f"{reach_px} px.",
         f"more frames per second; PixelSchedule.levels[0].reach_px of at least {math.ceil(innovation_px)}, and "
-        "SecondTries.shift_px as large",
+        "PictureSearch.reach larger, so that the part's last picture is found",
         innovation_px,
         reach_px + config.recovery_px,
     )

@@ -37,13 +37,14 @@ class FrameSolver:
     """Solves frames of one prepared part by one method.
 
     knowledge: what was learnt of the part's edge samples so far. records_steps: whether solutions carry their steps.
-    control_points_obj: (4, 3) mm per view region 0..5, the method's W; those of regions that the method cannot track in
-    are the box's middle section.
+    edge_break_mm: how far the real part's edges are broken. control_points_obj: (4, 3) mm per view region 0..5, the
+    method's W; those of regions that the method cannot track in are the box's middle section.
     """
 
     def __init__(self, model: PreparedPart, method: Method) -> None:
         """PreparationError when the part lacks the generator that the method needs."""
         self.part = model.part
+        self.edge_break_mm = model.edge_break_mm
         self.method = method
         self.source = method.open_source(model)
         self.control_points_obj = method.control_points_of(model, self.source.regions)

@@ -14,7 +14,9 @@ import numpy as np
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose_step import move_pose, pose_step_between
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import image_directions, move_pose, pose_step_between
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class PoseKalman:
         self._centre_obj = centre_obj
         self._config = config
         self._last: FloatArray | None = None
+        # Of the next frame, as predicted: pose (4, 4), velocity (6,), covariance (12, 12) of both.
+        self._pose, self._velocity, self._covariance = np.eye(4), np.zeros(6), np.eye(12)
         self._transition = np.eye(12)
         self._transition[:6, 6:] = np.eye(6)
 
@@ -79,53 +83,73 @@ class PoseKalman:
         """Forget the past; the part rests at `cam_T_obj` (4, 4), for all that is known."""
         config = self._config
         first = np.array([np.radians(config.first_turn_deg)] * 3 + [config.first_shift_mm] * 3)
-        self._last = cam_T_obj
-        self._velocity = np.zeros(6)
-        self._covariance = np.diag(np.concatenate([first, config.first_speed * first]) ** 2)
         self._widening = 1.0
         self.innovation = 0.0
+        self._go_on(cam_T_obj, np.zeros(6), np.diag(np.concatenate([first, config.first_speed * first]) ** 2))
 
     def predict(self) -> FloatArray:
         """(4, 4) the pose expected in the next frame."""
-        return move_pose(self.last, self._centre_obj, self._velocity)
+        if self._last is None:
+            raise ValueError("no pose observed yet: call restart first")
+        return self._pose
 
     def information(self) -> FloatArray:
         """(6, 6) inverse covariance of that pose."""
-        return np.asarray(np.linalg.inv(self._predicted()[:6, :6]), np.float64)
+        return np.asarray(np.linalg.inv(self._covariance[:6, :6]), np.float64)
 
     def innovation_of(self, cam_T_obj: FloatArray) -> float:
         """How far a pose (4, 4) is from the predicted one: squared, normalised, per degree of freedom."""
         off = pose_step_between(self.predict(), cam_T_obj, self._centre_obj)
         return float(off @ self.information() @ off) / 6.0
 
+    def sight(self, camera: Camera, centre_px: FloatArray, scatter_px: float, doubt: float) -> None:
+        """Take in, before the next frame is solved, where the part's centre (2,) px seems to be in it.
+
+        scatter_px: its standard deviation; doubt: standard deviations of its distance from the prediction, of both
+        together, beyond which it is not believed.
+        """
+        centre_cam = transform(self.predict(), self._centre_obj[None])
+        if not centre_cam[0, 2] > 0.0:
+            return
+        # By a shift; turns about the centre do not move it.
+        rows = np.zeros((2, 12))
+        rows[:, 3:6] = image_directions(np.repeat(centre_cam, 2, axis=0), np.eye(2), camera)
+        off_px = centre_px - camera.project(centre_cam)[0]
+        spread = rows @ self._covariance @ rows.T + scatter_px**2 * np.eye(2)
+        if off_px @ np.linalg.solve(spread, off_px) > doubt**2:
+            return
+        gain = self._covariance @ rows.T @ np.linalg.inv(spread)
+        step = gain @ off_px
+        self._pose = move_pose(self._pose, self._centre_obj, step[:6])
+        self._velocity = self._velocity + step[6:]
+        self._covariance = _symmetric(self._covariance - gain @ spread @ gain.T)
+
     def coast(self) -> None:
         """A frame without an image: the motion goes on, less surely."""
-        self._last, self._covariance = self.predict(), self._predicted()
+        self._go_on(self.predict(), self._velocity, self._covariance)
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone."""
+        covariance = self._covariance
         if quality <= self._config.hold_below:
-            last, covariance = self.last, self._predicted()
-            self._velocity, self._covariance, self._last = np.zeros(6), covariance, last
+            self._go_on(self.last, np.zeros(6), covariance)
             return
-        prior, covariance = self.information(), self._predicted()
+        prior = self.information()
         off = pose_step_between(self.predict(), cam_T_obj, self._centre_obj)
         gain = covariance[:, :6] @ prior
         posterior = np.linalg.inv(prior + (prior if information is None else information))
-        self._velocity = self._velocity + gain[6:] @ off
-        covariance = covariance - gain @ (covariance[:6, :6] - posterior) @ gain.T
-        self._covariance = 0.5 * (covariance + covariance.T)
-        self._last = cam_T_obj
         self.innovation = float(off @ prior @ off) / 6.0
         if self.innovation > 1.0:
             self._widening = min(self._widening * min(self.innovation, 4.0), self._config.most_widening)
         else:
             self._widening = max(1.0, 0.8 * self._widening)
+        covariance = _symmetric(covariance - gain @ (covariance[:6, :6] - posterior) @ gain.T)
+        self._go_on(cam_T_obj, self._velocity + gain[6:] @ off, covariance)
 
-    def _predicted(self) -> FloatArray:
-        """(12, 12) covariance of pose and velocity in the next frame."""
+    def _go_on(self, cam_T_obj: FloatArray, velocity: FloatArray, covariance: FloatArray) -> None:
+        """To the next frame, from what is known in this one."""
         config, share = self._config, self._config.speed_share
-        turn, shift = np.linalg.norm(self._velocity[:3]), np.linalg.norm(self._velocity[3:])
+        turn, shift = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
         variance = self._widening * np.repeat(
             [
                 np.radians(config.turn_deg) ** 2 + (share * turn) ** 2,
@@ -134,5 +158,11 @@ class PoseKalman:
             3,
         )
         noise = np.kron([[0.25, 0.5], [0.5, 1.0]], np.diag(variance))
-        predicted: FloatArray = self._transition @ self._covariance @ self._transition.T + noise
-        return predicted
+        self._last, self._velocity = cam_T_obj, velocity
+        self._pose = move_pose(cam_T_obj, self._centre_obj, velocity)
+        self._covariance = self._transition @ covariance @ self._transition.T + noise
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    even: FloatArray = 0.5 * (matrix + matrix.T)
+    return even

@@ -7,6 +7,7 @@
     priors      what is believed beside the image              priors
     solver      how e is minimised                             solvers
     prediction  where the next frame starts                    prediction
+    sight       how a first glance corrects that               picture
     start       what the first frame does with a given pose    start
     recovery    what happens when a frame fits badly           recovery
     learning    what is learnt of each edge sample             learning/
@@ -30,6 +31,7 @@ from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
+from acp_lab.tracking.picture import PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior
 from acp_lab.tracking.recovery import Alternatives, SecondTries
@@ -71,13 +73,14 @@ class Method:
     margin_px: float = 32.0
     source: Source = field(default_factory=CadSamples)
     variables: Variables = field(default_factory=lambda: PoseVariables(linearise="level"))
-    targets: tuple[TargetConfig, ...] = (NormalSearch(),)
+    targets: tuple[TargetConfig, ...] = (NormalSearch(), RegionLines())
     schedule: Schedule = field(default_factory=PixelSchedule)
-    priors: tuple[PriorConfig, ...] = (ControlPointDamping(),)
-    solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0))
-    prediction: PredictionConfig = field(default_factory=ConstantVelocityPrediction)
+    priors: tuple[PriorConfig, ...] = (ControlPointDamping(), MotionPrior())
+    solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0, last_px=0.03))
+    prediction: PredictionConfig = field(default_factory=KalmanPrediction)
+    sight: PictureSearch | Off = field(default_factory=PictureSearch)
     start: TrustedStart | Off = field(default_factory=TrustedStart)
-    recovery: SecondTries | Alternatives | Off = field(default_factory=SecondTries)
+    recovery: SecondTries | Alternatives | Off = field(default_factory=Alternatives)
     learning: SampleLearning | Off = field(default_factory=SampleLearning)
     states: StateConfig = field(default_factory=StateConfig)
 
@@ -118,6 +121,11 @@ class Method:
                 'every step: give bind = "step", or direction = "homography"',
             ),
             (
+                isinstance(self.sight, Off) or self.prediction.weighs_images,
+                'sight: needs a prediction that knows how sure it is: give prediction.kind = "kalman", '
+                'or sight.kind = "off"',
+            ),
+            (
                 not (self._learns_offsets and self.source.inset_outlines),
                 "source.inset_outlines and learning.offsets would both move outlines: switch one of them off",
             ),
@@ -152,17 +160,19 @@ class Method:
         )
 
 
-ACP = Method(summary="the best tracker here: CAD edges searched along normals, pose steps damped in control-point px")
-ACP_FUSED = replace(
+ACP = Method(summary="the best tracker here: CAD edges along normals, colours across the outline, a motion prior")
+ACP_EDGES = replace(
     ACP,
-    name="acp-fused",
-    summary="acp with colours across the outline, a motion prior and alternatives; slower, lost less often",
-    targets=(NormalSearch(plain_share=0.3), RegionLines()),
-    priors=(ControlPointDamping(), MotionPrior()),
-    prediction=KalmanPrediction(),
-    start=TrustedStart(agreement_alone=0.8),
-    recovery=Alternatives(),
-    learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.2), learn_above=0.5),
+    name="acp-edges",
+    summary="edges alone, searched along normals: acp without regions, motion prior and sight",
+    targets=(NormalSearch(plain_share=0.0),),
+    priors=(ControlPointDamping(),),
+    solver=GaussNewton(steps=3, damping=0.0),
+    prediction=ConstantVelocityPrediction(),
+    sight=Off(),
+    start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, measures=False),
+    recovery=SecondTries(),
+    learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0), learn_above=0.7),
 )
 ACP_PAPER_SAMPLES = Method(
     name="acp-paper-samples",
@@ -176,6 +186,7 @@ ACP_PAPER_SAMPLES = Method(
     priors=(),
     solver=GaussNewton(),
     prediction=LastPosePrediction(),
+    sight=Off(),
     start=Off(),
     recovery=Off(),
     learning=Off(),
@@ -195,7 +206,7 @@ UNOPTIMISED_POINTS = replace(
 )
 
 METHODS: dict[str, Method] = {
-    method.name: method for method in (ACP, ACP_PAPER, ACP_PAPER_SAMPLES, DIRECT_6DOF, UNOPTIMISED_POINTS, ACP_FUSED)
+    method.name: method for method in (ACP, ACP_EDGES, ACP_PAPER, ACP_PAPER_SAMPLES, DIRECT_6DOF, UNOPTIMISED_POINTS)
 }
 
 

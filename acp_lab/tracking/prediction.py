@@ -8,6 +8,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import so3_exp, so3_log, transform
 
 
@@ -46,6 +47,10 @@ class Predictor(Protocol):
 
     def innovation_of(self, cam_T_obj: FloatArray) -> float:
         """How far a pose (4, 4) is from the predicted one: squared, normalised, per degree of freedom; 0 if unknown."""
+        ...
+
+    def sight(self, camera: Camera, centre_px: FloatArray, scatter_px: float, doubt: float) -> None:
+        """Take in where the part's centre seems to be in the next frame, see `kalman.PoseKalman.sight`."""
         ...
 
 
@@ -90,7 +95,6 @@ class _LastPose:
         """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
         self._last = cam_T_obj
 
-
     def information(self) -> FloatArray | None:
         """None."""
         return None
@@ -98,6 +102,9 @@ class _LastPose:
     def innovation_of(self, cam_T_obj: FloatArray) -> float:
         """0."""
         return 0.0
+
+    def sight(self, camera: Camera, centre_px: FloatArray, scatter_px: float, doubt: float) -> None:
+        """Nothing: without a covariance it cannot be weighed; methods that combine the two are refused."""
 
 
 class LastPose(_LastPose):

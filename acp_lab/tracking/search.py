@@ -35,6 +35,7 @@ class PoseSolver(Protocol):
     """What a search needs of the frame solver; see `frame_solver.FrameSolver`."""
 
     part: Part
+    edge_break_mm: float
 
     def solve(
         self, seen: SeenFrame, start: Estimate, clock: Stopwatch, levels: tuple[Level, ...] | None = None

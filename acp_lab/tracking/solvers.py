@@ -20,6 +20,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import GeometryError, TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
@@ -61,17 +62,14 @@ class WeightedMeasure:
     def information(self, edges: GeneratedEdges, rows_along: Rows) -> Information:
         """What it says of the variables, for edge points that move by `rows_along` (see `motions.Rows`)."""
         seen = self.measure(edges)
-        rows, residuals, weights = rows_along(seen.directions), seen.residuals, seen.weights
-        found = self._information(rows, residuals, weights)
-        if np.isfinite(found.matrix.sum() + found.vector.sum()):
-            return found
-        # Points whose motion is not known (behind the camera, no clear ridge) say nothing.
-        good = np.isfinite(rows).all(1) & np.isfinite(residuals)
-        return self._information(rows[good], residuals[good], weights[good])
-
-    def _information(self, rows: FloatArray, residuals: FloatArray, weights: FloatArray) -> Information:
-        weighted = rows * (self.precision * weights)[:, None]
-        return Information(weighted.T @ rows, weighted.T @ residuals, self.precision * float(weights.sum()))
+        rows, residuals, weights = (
+            np.ascontiguousarray(values, np.float64)
+            for values in (rows_along(seen.directions), seen.residuals, seen.weights)
+        )
+        count = rows.shape[1]
+        matrix, vector = np.zeros((count, count)), np.zeros(count)
+        total = _add_up(rows, residuals, weights, self.precision, matrix, vector)
+        return Information(matrix, vector, total)
 
 
 @dataclass(frozen=True)
@@ -165,18 +163,27 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class GaussNewton:
-    """steps: on one level; damping: Marquardt's multiple of the diagonal, 0 for none."""
+    """Configuration.
+
+    Attributes:
+        steps: on one level, at most.
+        damping: Marquardt's multiple of the diagonal, 0 for none.
+        last_px: a step that moves the part's rim by less is a level's last; 0 for always all steps.
+    """
 
     kind: ClassVar[str] = "gauss-newton"
     steps: int = 4
     damping: float = 1e-3
+    last_px: float = 0.0
 
     def __post_init__(self) -> None:
         _check(self.steps, self.damping)
+        if not self.last_px >= 0.0:
+            raise TrackingError(f"solver.last_px = {self.last_px:g}: give px, 0 or more")
 
     def minimise(self, problem: Problem, start: Estimate) -> tuple[Estimate, ...]:
         """See `minimise`."""
-        return _descend(problem, start, self.steps, lambda equations, _: equations.step(self.damping))
+        return _descend(problem, start, self.steps, lambda equations, _: equations.step(self.damping), self.last_px)
 
 
 @dataclass(frozen=True)
@@ -248,6 +255,36 @@ class Adam:
 Solver = GaussNewton | LevenbergMarquardt | Adam
 
 
+@kernel("f8(f8[:, ::1], f8[::1], f8[::1], f8, f8[:, ::1], f8[::1])")
+def _add_up(
+    rows: FloatArray,
+    residuals: FloatArray,
+    weights: FloatArray,
+    precision: float,
+    matrix: FloatArray,
+    vector: FloatArray,
+) -> float:
+    """Fill the zeros of matrix (k, k) and vector (k,) of an `Information`; returns its total.
+
+    Points whose motion is not known (behind the camera, no clear ridge) say nothing.
+    """
+    total, count = 0.0, rows.shape[1]
+    for i in range(len(rows)):
+        if weights[i] == 0.0 or not np.isfinite(residuals[i] + rows[i].sum()):
+            continue
+        weight = precision * weights[i]
+        total += weight
+        for j in range(count):
+            weighted = weight * rows[i, j]
+            vector[j] += weighted * residuals[i]
+            for k in range(j + 1):
+                matrix[j, k] += weighted * rows[i, k]
+    for j in range(count):
+        for k in range(j):
+            matrix[k, j] = matrix[j, k]
+    return total
+
+
 def minimise(problem: Problem, start: Estimate, solver: Solver) -> tuple[Estimate, ...]:
     """The iterates of one level after its start, the last one being the result; none where no step was possible.
 
@@ -257,19 +294,26 @@ def minimise(problem: Problem, start: Estimate, solver: Solver) -> tuple[Estimat
 
 
 def _descend(
-    problem: Problem, start: Estimate, steps: int, rule: Callable[[NormalEquations, int], FloatArray]
+    problem: Problem,
+    start: Estimate,
+    steps: int,
+    rule: Callable[[NormalEquations, int], FloatArray],
+    last_px: float = 0.0,
 ) -> tuple[Estimate, ...]:
-    """Step by the rule, without asking whether e fell."""
+    """Step by the rule, without asking whether e fell, until a step moves less than `last_px`."""
     at, iterates = start, list[Estimate]()
     for number in range(steps):
         try:
-            moved = problem.motion.moved(at, rule(problem.normal_equations(at), number))
+            step = rule(problem.normal_equations(at), number)
+            moved = problem.motion.moved(at, step)
         except GeometryError:  # I became degenerate: the step that led there does not count
             return tuple(iterates[:-1])
         if not moved.is_possible:
             break
         at = moved
         iterates.append(at)
+        if np.abs(step / problem.scale).max() < last_px:
+            break
     try:
         _ = at.cam_T_obj  # kept by the estimate: whoever comes next asks for it too
     except GeometryError:

@@ -4,7 +4,7 @@ A start pose is trusted when the frame agrees with it nearly as well as with the
 have, and the two lie within a pixel or so: then the difference is the edges' own offset, not an error of the pose,
 and the offsets can be measured. They may lie somewhat further apart where the frame agrees with both equally: what
 the image cannot tell, whoever gave the pose can. Otherwise the part is searched around the start: the solver runs
-from a set of turned poses and the best fit wins.
+from a set of turned poses, the best fit wins, and its pose is weighed against the given one (`weighed_start`).
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import AGREEMENT_LEVEL, PoseSolver, search_around
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.weighed_start import weighed_start
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,11 @@ class TrustedStart:
         largest_scale: relative change of apparent size between the two poses.
         turn_deg: turns tried about the axes and diagonals when the start is not trusted.
         finalists: how many of the coarse solutions are refined.
-        agreement_alone: ratio from which on the start is trusted, however far the two poses lie apart.
+        agreement_alone: ratio from which on the start is trusted, however far the two poses lie apart; infinite for
+            none.
+        bias_in_breaks: how far edges lie beside where they are expected, in edge breaks of the part; by it a start that
+            is not trusted is weighed against what was found, see `weighed_start`.
+        measures: whether offsets are measured also at a pose that is no trusted start.
     """
 
     kind: ClassVar[str] = "trusted"
@@ -45,7 +51,13 @@ class TrustedStart:
     largest_scale: float = 0.025
     turn_deg: float = 4.0
     finalists: int = 3
-    agreement_alone: float = float("inf")
+    agreement_alone: float = 0.8
+    bias_in_breaks: float = 1.0
+    measures: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.bias_in_breaks <= 100.0:
+            raise TrackingError(f"start.bias_in_breaks = {self.bias_in_breaks:g}: give 0 to 100")
 
 
 EQUAL_SLACK = 1.4
@@ -55,10 +67,14 @@ LOOK_LEVEL = Level(6, 1.0, samples=30_000)
 
 @dataclass(frozen=True, eq=False)
 class Started:
-    """The solution of the first frame, and whether its pose is the given one because that was trusted."""
+    """The solution of the first frame.
+
+    trusted: its pose is the given one. measures: offsets of edges can be measured at it.
+    """
 
     solution: Solution
     trusted: bool
+    measures: bool
 
 
 def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stopwatch) -> Started | None:
@@ -73,9 +89,12 @@ def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stop
     else:
         found = search_around(solver, seen, view.prior, config.turn_deg, config.finalists) or solved
         pose, steps = found.cam_T_obj, found.steps
+        matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
+        if bias_mm and matches is not None:
+            pose = weighed_start(view, pose, matches, bias_mm)
     # Where the search left the image, stay with what the given pose led to.
     looked = solver.look_at(seen, view.at_pose(pose), LOOK_LEVEL, clock) or solved
-    return Started(replace(looked, steps=steps), trusted)
+    return Started(replace(looked, steps=steps), trusted, trusted or config.measures)
 
 
 def is_trusted(solver: PoseSolver, seen: SeenFrame, solved: Solution, config: TrustedStart) -> bool:

@@ -20,11 +20,12 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.frame_view import Estimate, View
+from acp_lab.tracking.frame_view import Estimate, View, box_corners
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.observer import Observer
+from acp_lab.tracking.picture import Picture, take_picture
 from acp_lab.tracking.recovery import Alternatives, Situation, recover
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult
 from acp_lab.tracking.search import is_plausible
@@ -60,6 +61,7 @@ class Tracker:
         self.records_target = False
         self._carried: Estimate | None = None
         self._predictor = self.method.prediction.predictor(self.part.box_centre)
+        self._corners_obj = box_corners(self.part)
         self._forget()
 
     @property
@@ -113,12 +115,12 @@ class Tracker:
             )
         solution, self._trusted = started.solution, started.trusted
         matches = solution.judgement.matches
-        if self._trusted and matches is not None:
+        if started.measures and matches is not None:
             self.solver.knowledge.measure_offsets(matches)
         self._predictor.restart(solution.cam_T_obj)
         self._carried = solution.estimate
         self._started = True
-        self._learn(solution, clock, self._trusted)
+        self._learn(frame, solution, clock, self._trusted)
         self._mean_quality = solution.judgement.quality
         if seen is not None and isinstance(self.method.recovery, Alternatives):
             # Again, with what the first frame taught.
@@ -136,10 +138,12 @@ class Tracker:
             raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
         begin_s, clock = time.perf_counter(), Stopwatch()
         self.solver.records_steps = self.records_steps
-        predicted = self.predicted
         if isinstance(frame, UnreadableFrame):
+            predicted = self.predicted
             self._predictor.coast()
             return self._blind(frame, predicted, predicted, clock, begin_s, frame.reason)
+        self._sight(frame, clock)
+        predicted = self.predicted
         solution = self._recover(frame, predicted, self._solve(frame, predicted, clock), clock)
         note = self._states.update(0.0 if solution is None else solution.quality)
         if solution is None:
@@ -149,7 +153,7 @@ class Tracker:
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
         self._predictor.observe(solution.cam_T_obj, solution.judgement.quality, solution.information)
         self._carried = solution.estimate
-        self._learn(solution, clock)
+        self._learn(frame, solution, clock)
         # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
         self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
         self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
@@ -176,6 +180,7 @@ class Tracker:
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
         self._mean_quality = self._mean_score = 0.0
         self._carried = None
+        self._picture: tuple[Picture, FloatArray] | None = None
 
     def _first_region(self, pose: FloatArray) -> int:
         region = self.solver.choose_region(pose)
@@ -209,7 +214,7 @@ class Tracker:
         if not isinstance(config, Off):
             return begin(self.solver, seen, config, clock)
         solution = self.solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
-        return None if solution is None else Started(solution, trusted=False)
+        return None if solution is None else Started(solution, trusted=False, measures=False)
 
     def _solve(self, frame: Frame, predicted: FloatArray, clock: Stopwatch) -> Solution | None:
         """The first try, from the predicted pose or the control points that were carried on."""
@@ -247,11 +252,30 @@ class Tracker:
         )
         return recover(self.solver, first, lambda pose: self._look(frame, pose, clock), situation, config, clock)
 
-    def _learn(self, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
+    def _sight(self, frame: Frame, clock: Stopwatch) -> None:
+        """Correct the prediction by where the part's last picture is in the new frame."""
+        config = self.method.sight
+        if isinstance(config, Off) or self._picture is None:
+            return
+        clock.lap()
+        picture, pose = self._picture
+        centres_cam = [transform(at, self.part.box_centre) for at in (pose, self.predicted)]
+        before_px, expected_px = frame.camera.project(np.array(centres_cam))
+        if np.isfinite(before_px + expected_px).all():
+            shift_px = picture.shift_in(frame.image, expected_px - before_px, config)
+            if shift_px is not None and np.linalg.norm(before_px + shift_px - expected_px) > config.least_px:
+                self._predictor.sight(frame.camera, before_px + shift_px, config.scatter_px, config.doubt)
+        clock.image_s += clock.lap()
+
+    def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()
         if self.solver.knowledge.learns_from(solution.judgement.quality, self._mean_quality):
             for judgement in solution.judgements:
                 judgement.learn(trusted)
+            if not isinstance(self.method.sight, Off):
+                pose = solution.cam_T_obj
+                picture = take_picture(frame, self._corners_obj, pose, self.method.sight)
+                self._picture = None if picture is None else (picture, pose)
         clock.learn_s += clock.lap()
 
     def _result(

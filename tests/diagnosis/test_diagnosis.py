@@ -23,7 +23,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.method import ACP, Method
+from acp_lab.tracking.method import ACP_EDGES, Method
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
@@ -207,7 +207,7 @@ def test_motion_is_measured_from_the_trackers_own_prediction(part: Part, model: 
     config = DiagnosisConfig(recovery_px=2.0 - PartObserver(part).reach_px(CAMERA, truth[-1]))
     found = {}
     for prediction in (LastPosePrediction(), ConstantVelocityPrediction()):
-        tracker = Tracker(model, replace(ACP, prediction=prediction))
+        tracker = Tracker(model, replace(ACP_EDGES, prediction=prediction))
         run = tracker.run(MadeSequence(images, {1: truth}), truth[0])
         assert add_percent(part, run.results[1][-1].cam_T_obj, truth[-1]) < 2.0
         # Of a good frame nobody asks how the part moved.
@@ -321,7 +321,7 @@ def test_the_settings_that_advice_names_exist() -> None:
     named = set(re.findall(r"\b([A-Z][A-Za-z]*)\.([a-z_]+)", Path(causes.__file__).read_text(encoding="utf-8")))
     of_method = dict(_settings(Method()))
     asked = {(owner, name) for owner, name in named if owner not in ("Cause", "DiagnosisConfig")}
-    assert ("SecondTries", "shift_px") in asked
+    assert ("PictureSearch", "reach") in asked
     for owner, name in asked:
         assert name in of_method.get(owner, ()), f"{owner}.{name}"
 

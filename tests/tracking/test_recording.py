@@ -17,7 +17,7 @@ from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.session import image_path_of, track_sequence
 from acp_lab.tracking.tracker import Tracker
-from tests.tracking.rendered import CAMERA, MadeSequence
+from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
 
 
 class Curious:
@@ -76,7 +76,9 @@ def test_a_start_that_is_not_trusted_shows_its_search(part: Part, model: Prepare
     assert isinstance(frame, Frame)
     assert tracker.start(frame, sequence.first_pose).steps == ()  # exact: nothing had to be moved
     found = tracker.start(frame, start)
-    np.testing.assert_array_equal(found.steps[-1].cam_T_obj, found.cam_T_obj)
+    # From there the start itself drew the pose back a little.
+    assert add_percent(part, found.steps[-1].cam_T_obj, found.cam_T_obj) < 5.0
+    assert len(found.steps) > 3
 
 
 def test_the_target_is_what_is_seen_in_the_image(model: PreparedPart, sequence: MadeSequence) -> None:

@@ -27,7 +27,7 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.knowledge import Off
-from acp_lab.tracking.method import ACP, DIRECT_6DOF, METHODS, Method
+from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.prediction import ConstantVelocityPrediction
 from acp_lab.tracking.result import TrackResult, TrackState
@@ -161,7 +161,7 @@ def hovering(part: Part, share: float, count: int) -> list[FloatArray]:
     return [looking_at(part, np.array([x, 0.3, z]) * half, 330.0, 0.2) for x, z in leaning]
 
 
-@pytest.mark.parametrize("method", [ACP, BY_MAP], ids=lambda method: method.name)
+@pytest.mark.parametrize("method", [ACP_EDGES, BY_MAP], ids=lambda method: method.name)
 def test_a_part_that_hovers_at_a_border_keeps_its_region(part: Part, model: PreparedPart, method: Method) -> None:
     """By less than 15% another region leads: swapping W in every frame would gain nothing."""
     truth = hovering(part, 0.04, 6)
@@ -172,7 +172,7 @@ def test_a_part_that_hovers_at_a_border_keeps_its_region(part: Part, model: Prep
         result = tracker.track(frame) if index else tracker.start(frame, pose)
         regions.append(result.region)
         natural.append(tracker.solver.natural_region(pose))
-        assert add_percent(part, result.cam_T_obj, pose) < 5.0
+        assert add_percent(part, result.cam_T_obj, pose) < 7.0
     assert natural == [4, 0, 4, 0, 4, 0], "the test's own point is gone"
     assert regions == [4] * 6
 
@@ -362,7 +362,7 @@ def test_the_best_method_unless_told_otherwise(model: PreparedPart) -> None:
     assert Tracker(model).method is ACP
     assert Tracker(model, "acp").method is METHODS["acp"]
     assert Tracker(model, replace(ACP, name="mine")).name == "mine"
-    with pytest.raises(TrackingError, match="no such method: there are acp, acp-paper"):
+    with pytest.raises(TrackingError, match="no such method: there are acp, acp-edges, acp-paper"):
         Tracker(model, "acp-papr")
 
 

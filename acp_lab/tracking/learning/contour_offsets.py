@@ -22,7 +22,6 @@ from typing import ClassVar
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
-from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 
 # A handful of samples has no scatter to speak of.
@@ -34,6 +33,7 @@ class OffsetConfig:
     """How offsets are expected and learnt; lengths in mm.
 
     Attributes:
+        break_share: of the part's edge break, by which outlines are expected to lie inside the CAD's.
         edge_spread_px: scatter of an image edge about its true place, in px.
         known_spread: of an outline sample measured in the first frame.
         cell_spread: of an outline sample whose neighbours were measured.
@@ -52,8 +52,9 @@ class OffsetConfig:
     """
 
     kind: ClassVar[str] = "on"
+    break_share: float = 0.8
     edge_spread_px: float = 0.3
-    known_spread: float = 0.25
+    known_spread: float = 0.15
     cell_spread: float = 0.375
     unknown_spread: float = 0.6
     inner_spread: float = 0.3
@@ -67,7 +68,7 @@ class OffsetConfig:
     cell_inertia: float = 4.0
     class_inertia: float = 20.0
     largest: float = 0.8
-    follow_rate: float = 0.0
+    follow_rate: float = 0.2
     follow_noise: float = 0.4
 
 
@@ -94,7 +95,7 @@ class ContourOffsets:
     def __init__(self, edges: EdgeSamples, diameter: float, edge_break_mm: float, config: OffsetConfig) -> None:
         self.config = config
         self.edges = edges
-        self.prior_mm = -OUTLINE_SHARE_OF_BREAK * edge_break_mm
+        self.prior_mm = -config.break_share * edge_break_mm
         cells = np.floor((edges.points_obj - edges.points_obj.min(0)) / (config.cell_in_diameters * diameter))
         _, self._cell_of = np.unique(cells.astype(np.int64), axis=0, return_inverse=True)
         self._cell_of = self._cell_of.ravel()

@@ -43,7 +43,7 @@ class SampleLearning:
     memory: MemoryConfig | Off = field(default_factory=MemoryConfig)
     offsets: OffsetConfig | Off = field(default_factory=OffsetConfig)
     reliability: ReliabilityConfig | Off = field(default_factory=ReliabilityConfig)
-    learn_above: float = 0.7
+    learn_above: float = 0.5
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:

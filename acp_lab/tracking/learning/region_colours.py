@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
+from acp_lab.geometry.arrays import ByteImage, Float32Array, IntArray, Uint16Array
 
 _BINS = 32
 
@@ -52,8 +52,8 @@ class RegionColours:
 
     def __init__(self, config: ColourConfig) -> None:
         self.config = config
-        self._foreground: FloatArray | None = None
-        self._background: FloatArray | None = None
+        self._foreground: Float32Array | None = None
+        self._background: Float32Array | None = None
         self.log_odds: Float32Array = np.zeros(_BINS**3, np.float32)
 
     @property
@@ -62,23 +62,31 @@ class RegionColours:
         return self._foreground is not None
 
     @staticmethod
-    def bins(image: ByteImage) -> IntArray:
-        """(h, w) bin of every pixel of an image (h, w, 3) uint8 RGB."""
-        coarse = (image >> 3).astype(np.int64)
-        return (coarse[..., 0] << 10) | (coarse[..., 1] << 5) | coarse[..., 2]
+    def bins(image: ByteImage) -> Uint16Array:
+        """(h, w) uint16 bin of every pixel of an image (h, w, 3) uint8 RGB."""
+        red, green, blue = ((image[..., k] >> 3).astype(np.uint16) for k in range(3))
+        return np.asarray((red << 10) | (green << 5) | blue, np.uint16)
 
-    def learn(self, inside: IntArray, outside: IntArray) -> None:
+    def learn(self, inside: IntArray | Uint16Array, outside: IntArray | Uint16Array) -> None:
         """Take in the bins (n,) of pixels of the part and (m,) of its background; nothing where either is empty."""
         if not (len(inside) and len(outside)):
             return
-        seen = [np.bincount(bins, minlength=_BINS**3) / len(bins) for bins in (inside, outside)]
+        # float32: a pass over all bins per frame, and no count needs more.
+        seen = [
+            np.bincount(bins, minlength=_BINS**3).astype(np.float32) / np.float32(len(bins))
+            for bins in (inside, outside)
+        ]
         if self._foreground is None or self._background is None:
             self._foreground, self._background = seen[0], seen[1]
         else:
             rate = self.config.rate
             self._foreground = self._foreground + rate * (seen[0] - self._foreground)
             self._background = self._background + rate * (seen[1] - self._background)
-        least, sure = self.config.least_share, self.config.certainty
-        share = (self._foreground + least) / (self._foreground + self._background + 2.0 * least)
-        share = np.clip(share, 1.0 - sure, sure)
-        self.log_odds = np.log(share / (1.0 - share)).astype(np.float32)
+        least, sure = np.float32(self.config.least_share), self.config.certainty
+        most = np.float32(np.log(sure / (1.0 - sure)))
+        # The odds of f / (f + b) are f / b.
+        self.log_odds = np.clip(np.log((self._foreground + least) / (self._background + least)), -most, most)
+
+
+def _counts(bins: IntArray | Uint16Array) -> Float32Array:
+    return np.bincount(bins, minlength=_BINS**3).astype(np.float32)

@@ -52,7 +52,7 @@ class NormalSearch:
     bind: Literal["level", "step"] = "level"
     outlier: float = 0.5
     min_score: float = 0.02
-    plain_share: float = 0.0
+    plain_share: float = 0.3
     precision: float = 6.0
 
     def __post_init__(self) -> None:
@@ -72,7 +72,7 @@ class NormalSearch:
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
         """The target of one frame."""
-        return NormalTarget(image_patch(view.image, view.box, self.search.blur_px), self, knowledge)
+        return NormalTarget(image_patch(view.image, view.box, self.search.blur_px, self.search.gamma), self, knowledge)
 
 
 class NormalTarget:

@@ -21,7 +21,7 @@ from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import Float32Array, FloatArray, IntArray
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
 from acp_lab.prepared_part import PreparedPart
@@ -31,15 +31,12 @@ from acp_lab.tracking.learning.region_colours import ColourConfig, RegionColours
 from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets import check_precision
+from acp_lab.tracking.targets.correspondence_lines import ColourCrop, CorrespondenceLines
 
-# Places at which the step is tried, in segments about the line's middle, and the segments that each looks at.
-_PLACES, _WINDOW = 12, 8
-_SEGMENTS = _PLACES + _WINDOW - 1
-# Amplitude and steepness of the smoothed step function.
-_STEP = -0.43 * np.tanh(np.arange(_WINDOW) - 0.5 * (_WINDOW - 1))
-_MOST_LOG_ODDS = 4.0
-_RAY_STEP_PX = 2.0
-_LARGEST_OFFSET_MM = 0.8
+_RAY_STEP_PX = 3.0
+# Fewer lines say nothing.
+_LEAST_LINES = 6
+_MARGIN_RATE = 0.25
 
 
 @dataclass(frozen=True)
@@ -122,19 +119,41 @@ class RegionMemory:
         """The target of one frame."""
         return RegionTarget(view, self)
 
+    def learn(self, lines: CorrespondenceLines, trusted: bool) -> None:
+        """Take in the colours beside the lines of a solved frame, and where they find the boundary.
+
+        trusted: the pose is exact, so that offsets can be measured.
+        """
+        rate = _MARGIN_RATE if self.colours.is_known else 1.0
+        self.colours.learn(*lines.bins_beside(self.config.colours.reach_px))
+        self.margin += rate * (lines.margin() - self.margin)
+        if len(lines) >= _LEAST_LINES:
+            self._calibrate(lines, trusted)
+
+    def _calibrate(self, lines: CorrespondenceLines, trusted: bool) -> None:
+        ids = lines.ids
+        found_px, weights = lines.posterior(1, self.config.fade_px)
+        clear = weights > 0.15
+        if trusted:
+            near = clear & (np.abs(found_px) < 3.0)
+            offsets = np.clip(0.8 * found_px / lines.px_per_mm, -0.6, 0.6)
+            # What was not seen lies, for all that is known, half as far as the others.
+            self.offsets_mm[:] = 0.5 * np.median(offsets[near]) if near.sum() > 10 else 0.0
+            self.offsets_mm[ids[near]] = offsets[near]
+            self.mean_square[ids] = np.where(near, 0.5, 9.0)
+        else:
+            rest = found_px - self.offsets_mm[ids] * lines.px_per_mm
+            square = np.where(clear, np.minimum(rest * rest, 9.0), 9.0)
+            rate = np.where(self.known[ids], self.config.calibration_rate, 0.5)
+            self.mean_square[ids] += rate * (square - self.mean_square[ids])
+        self.known[ids] = True
+
 
 class RegionTarget:
-    """The colours of one frame around the part.
-
-    bins: (h, w) of the crop's pixels, see `RegionColours.bins`; origin: (x, y) px of its first pixel in the full image.
-    """
+    """The colours of one frame around the part."""
 
     def __init__(self, view: FrameView, memory: RegionMemory) -> None:
-        height, width = view.image.shape[:2]
-        x0, y0, x1, y1 = view.box
-        self.origin = (min(max(x0, 0), width - 2), min(max(y0, 0), height - 2))
-        crop = view.image[self.origin[1] : max(y1, self.origin[1] + 2), self.origin[0] : max(x1, self.origin[0] + 2)]
-        self.bins = RegionColours.bins(crop)
+        self.crop = ColourCrop(view.image, view.box, memory.colours)
         self.memory = memory
         self._free = np.full((2, len(memory.edges)), np.nan)
 
@@ -144,14 +163,23 @@ class RegionTarget:
 
     def agreement(self, edges: GeneratedEdges, at: Estimate, level: Level, sigma_px: float) -> float:
         """The margin of the colours at an estimate."""
-        return CorrespondenceLines(self, edges, at).margin()
+        return self.lines(edges, at).margin()
 
-    def pixels(self, points: FloatArray) -> IntArray:
-        """(...) colour bins at points (..., 2) px of the full image; the nearest pixel of the crop."""
-        height, width = self.bins.shape
-        x = np.clip(np.rint(points[..., 0] - self.origin[0]), 0, width - 1).astype(np.intp)
-        y = np.clip(np.rint(points[..., 1] - self.origin[1]), 0, height - 1).astype(np.intp)
-        return self.bins[y, x]
+    def lines(self, edges: GeneratedEdges, at: Estimate) -> CorrespondenceLines:
+        """Across the outline at an estimate with its edge points: those with part inside and background outside."""
+        rows = np.flatnonzero(edges.outline & (edges.sample_ids >= 0))[: self.memory.config.lines]
+        ids, normals, pose = edges.sample_ids[rows], edges.normals[rows], at.cam_T_obj
+        samples = self.memory.edges
+        points_cam = transform(pose, samples.points_obj[ids])
+        directions_obj = image_directions(points_cam, normals, at.view.camera) @ pose[:3, :3]
+        side = np.sign(np.einsum("nj,nj->n", directions_obj, samples.normals_obj[ids].sum(1)))
+        outward, points = normals * side[:, None], edges.points[rows]
+        free = self.free_px(ids, points, outward, at)
+        keep = (free.min(0) > 0.0) & (side != 0.0)
+        px_per_mm = np.linalg.norm(directions_obj[keep], axis=1)
+        return CorrespondenceLines(
+            self.crop, rows[keep], ids[keep], points[keep], outward[keep], free[:, keep], px_per_mm
+        )
 
     def free_px(self, ids: IntArray, points: FloatArray, outward: FloatArray, at: Estimate) -> FloatArray:
         """(2, n) px from outline samples to where the part ends inwards, and begins again outwards, at most `reach_px`.
@@ -163,9 +191,11 @@ class RegionTarget:
         if len(asked):
             reach = np.arange(_RAY_STEP_PX, self.memory.config.reach_px + 0.1, _RAY_STEP_PX)
             way = np.concatenate([-reach, reach])
-            pixels = points[asked, None] + way[:, None] * outward[asked, None]
-            pose = at.cam_T_obj
-            rays_obj = at.view.camera.rays(pixels.reshape(-1, 2)) @ pose[:3, :3]
+            pose, camera = at.cam_T_obj, at.view.camera
+            # A px outwards adds the same to every viewing direction of a line.
+            first = camera.rays(points[asked]) @ pose[:3, :3]
+            added = (outward[asked] / (camera.fx, camera.fy)) @ pose[:2, :3]
+            rays_obj = (first[:, None] + way[:, None] * added[:, None]).reshape(-1, 3)
             eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
             hit = self.memory.caster.occluded(eye, rays_obj, 1e9).reshape(len(asked), 2, len(reach))
             # As far as the part reaches without a gap inwards, and the background outwards.
@@ -173,100 +203,6 @@ class RegionTarget:
             outwards = np.cumprod(~hit[:, 1], axis=1).sum(1)
             self._free[:, ids[asked]] = _RAY_STEP_PX * np.stack([inwards, outwards])
         return self._free[:, ids]
-
-
-class CorrespondenceLines:
-    """Lines across the outline at one estimate.
-
-    Attributes:
-        rows: (n,) of the edge points that are lines; ids: (n,) their samples.
-        points: (n, 2) px; outward: (n, 2) unit, off the part; free: (2, n) see `RegionTarget.free_px`.
-        px_per_mm: (n,) scale across the outline.
-    """
-
-    def __init__(self, target: RegionTarget, edges: GeneratedEdges, at: Estimate) -> None:
-        self.target = target
-        rows = np.flatnonzero(edges.outline & (edges.sample_ids >= 0))[: target.memory.config.lines]
-        ids, normals, pose = edges.sample_ids[rows], edges.normals[rows], at.cam_T_obj
-        samples = target.memory.edges
-        points_cam = transform(pose, samples.points_obj[ids])
-        directions_obj = image_directions(points_cam, normals, at.view.camera) @ pose[:3, :3]
-        side = np.sign(np.einsum("nj,nj->n", directions_obj, samples.normals_obj[ids].sum(1)))
-        outward = normals * side[:, None]
-        free = target.free_px(ids, edges.points[rows], outward, at)
-        keep = (free.min(0) > 0.0) & (side != 0.0)
-        self.rows, self.ids, self.outward = rows[keep], ids[keep], outward[keep]
-        self.points, self.free = edges.points[self.rows], free[:, keep]
-        self.px_per_mm: FloatArray = np.linalg.norm(directions_obj[keep], axis=1)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def log_odds(self, way_px: FloatArray) -> Float32Array:
-        """(n, m) log-odds of being the part's, at m px along the outward normals."""
-        pixels = self.points[:, None] + way_px[:, None] * self.outward[:, None]
-        return self.target.memory.colours.log_odds[self.target.pixels(pixels)]
-
-    def posterior(self, scale: int) -> tuple[FloatArray, FloatArray]:
-        """(n,) px from the line's middle to where the part ends, and (n,) weights in [0, 1].
-
-        scale: px per segment.
-        """
-        within = (np.arange(_SEGMENTS * scale) - 0.5 * (_SEGMENTS * scale - 1)).astype(np.float64)
-        odds = self.log_odds(within).reshape(len(self), _SEGMENTS, scale).sum(2)
-        odds = np.clip(odds, -_MOST_LOG_ODDS, _MOST_LOG_ODDS)
-        evidence = odds @ _WINDOWS
-        evidence = np.exp(evidence - evidence.max(1, keepdims=True))
-        probability = evidence / evidence.sum(1, keepdims=True)
-        mean = probability @ _OFFSETS
-        variance = np.maximum((probability * (_OFFSETS - mean[:, None]) ** 2).sum(1), _LEAST_VARIANCE)
-        weights = _LEAST_VARIANCE / variance
-        beyond = np.abs(mean) - self.target.memory.config.fade_px
-        weights = weights * np.clip(1.0 - np.maximum(beyond, 0.0) / 1.5, 0.0, 1.0)
-        weights[self.free.min(0) < 2.0 * scale] = 0.0
-        return mean * scale, weights
-
-    def margin(self) -> float:
-        """Mean probability just inside less that just outside, in [-1, 1]; 0 with fewer than four lines."""
-        if len(self) < 4 or not self.target.memory.colours.is_known:
-            return 0.0
-        way = np.arange(1.0, 9.0)
-        inside, outside = (1.0 / (1.0 + np.exp(-self.log_odds(sign * way))) for sign in (-1.0, 1.0))
-        free = way <= self.free.min(0)[:, None]
-        return float((((inside - outside) * free).sum(1) / np.maximum(free.sum(1), 1)).mean())
-
-    def learn(self, trusted: bool) -> None:
-        """Take in colours, and where the boundary lies; trusted: the pose is exact, so that offsets can be measured."""
-        memory = self.target.memory
-        is_first = not memory.colours.is_known
-        way = np.arange(1.0, memory.config.colours.reach_px)
-        sides = []
-        for sign, free in ((-1.0, self.free[0]), (1.0, self.free[1])):
-            pixels = self.target.pixels(self.points[:, None] + sign * way[:, None] * self.outward[:, None])
-            sides.append(pixels[way < free[:, None]])
-        memory.colours.learn(*sides)
-        memory.margin += (1.0 if is_first else 0.25) * (self.margin() - memory.margin)
-        if len(self) >= 6:
-            self._calibrate(trusted)
-
-    def _calibrate(self, trusted: bool) -> None:
-        memory, ids = self.target.memory, self.ids
-        found_px, weights = self.posterior(1)
-        clear = weights > 0.15
-        if trusted:
-            near = clear & (np.abs(found_px) < 3.0)
-            offsets = np.clip(0.8 * found_px / self.px_per_mm, -0.6, 0.6)
-            # What was not seen lies, for all that is known, half as far as the others.
-            memory.offsets_mm[:] = 0.5 * np.median(offsets[near]) if near.sum() > 10 else 0.0
-            memory.offsets_mm[ids[near]] = offsets[near]
-            memory.mean_square[ids] = np.where(near, 0.5, 9.0)
-            memory.known[ids] = True
-            return
-        rest = found_px - memory.offsets_mm[ids] * self.px_per_mm
-        square = np.where(clear, np.minimum(rest * rest, 9.0), 9.0)
-        rate = np.where(memory.known[ids], memory.config.calibration_rate, 0.5)
-        memory.mean_square[ids] += rate * (square - memory.mean_square[ids])
-        memory.known[ids] = True
 
 
 class RegionMeasure:
@@ -281,13 +217,13 @@ class RegionMeasure:
         self._count = len(edges)
         self._start = edges.points
         self.directions = edges.normals
-        self.lines = CorrespondenceLines(target, edges, at)
+        self.lines = target.lines(edges, at)
         self._residuals, self._weights = np.zeros(self._count), np.zeros(self._count)
         gate = memory.gate
-        if gate == 0.0 or len(self.lines) < 6:
+        if gate == 0.0 or len(self.lines) < _LEAST_LINES:
             return
         is_fine = level.sigma_px <= config.fine_sigma_px
-        found_px, weights = self.lines.posterior(max(1, round(0.67 * level.sigma_px)))
+        found_px, weights = self.lines.posterior(max(1, round(0.67 * level.sigma_px)), config.fade_px)
         ids = self.lines.ids
         if is_fine:
             found_px = found_px - memory.offsets_mm[ids] * self.lines.px_per_mm
@@ -339,7 +275,7 @@ class RegionJudgement:
     @cached_property
     def lines(self) -> CorrespondenceLines:
         """The lines at the estimate."""
-        return CorrespondenceLines(self.measure.target, self.edges, self.at)
+        return self.measure.target.lines(self.edges, self.at)
 
     @cached_property
     def score(self) -> float:
@@ -353,7 +289,7 @@ class RegionJudgement:
 
     def learn(self, trusted: bool) -> None:
         """Take in colours, and where the boundary lies."""
-        self.lines.learn(trusted)
+        self.measure.target.memory.learn(self.lines, trusted)
 
     @property
     def residuals_px(self) -> FloatArray:
@@ -364,21 +300,5 @@ class RegionJudgement:
     def target_view(self) -> TargetView:
         """The crop, without edges."""
         target = self.measure.target
-        height, width = target.bins.shape
-        return TargetView(np.zeros((0, 2)), target.origin, (width, height))
-
-
-def _windows() -> tuple[FloatArray, FloatArray, float]:
-    """(segments, places) weights of the segments, (places,) offsets of the places, and the variance of a clean step."""
-    windows = np.zeros((_SEGMENTS, _PLACES))
-    for place in range(_PLACES):
-        windows[place : place + _WINDOW, place] = _STEP
-    offsets: FloatArray = np.arange(_PLACES, dtype=np.float64) - 0.5 * (_PLACES - 1)
-    clean = np.where(np.arange(_SEGMENTS) < 0.5 * _SEGMENTS, 3.0, -3.0) @ windows
-    probability = np.exp(clean - clean.max())
-    probability /= probability.sum()
-    spread = offsets - probability @ offsets
-    return windows, offsets, max(0.05, float(probability @ spread**2))
-
-
-_WINDOWS, _OFFSETS, _LEAST_VARIANCE = _windows()
+        height, width = target.crop.bins.shape
+        return TargetView(np.zeros((0, 2)), target.crop.origin, (width, height))

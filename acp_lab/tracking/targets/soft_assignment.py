@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import FloatArray
 
 
@@ -43,10 +44,24 @@ def soft_assignment(distances: FloatArray, scores: FloatArray, sigma_px: float, 
         sigma_px: width of the capture range.
         outlier: mass of "no image edge belongs here"; above 0.
     """
-    mass = scores * np.exp(-0.5 * (distances / sigma_px) ** 2)
-    total = mass.sum(1)
-    residuals = (mass * distances).sum(1) / np.maximum(total, 1e-12)
-    return Assignment(residuals, total / (total + outlier), total)
+    found = np.empty((3, len(distances)))
+    _assign(np.ascontiguousarray(distances), np.ascontiguousarray(scores), sigma_px, outlier, found)
+    return Assignment(*found)
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], f8, f8, f8[:, ::1])")
+def _assign(distances: FloatArray, scores: FloatArray, sigma_px: float, outlier: float, found: FloatArray) -> None:
+    """Fill found (3, n): the fields of `Assignment`."""
+    for i in range(len(distances)):
+        total, moment = 0.0, 0.0
+        for k in range(distances.shape[1]):
+            if scores[i, k] != 0.0:
+                mass = scores[i, k] * np.exp(-0.5 * (distances[i, k] / sigma_px) ** 2)
+                total += mass
+                moment += mass * distances[i, k]
+        found[0, i] = moment / max(total, 1e-12)
+        found[1, i] = total / (total + outlier)
+        found[2, i] = total
 
 
 def robust_loss(distances: FloatArray, scores: FloatArray, sigma_px: float, outlier: float) -> float:

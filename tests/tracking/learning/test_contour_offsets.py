@@ -8,7 +8,6 @@ import pytest
 from acp_lab.cad.edges import EdgeSamples, facing, sample_edges
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import image_tangents
-from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
@@ -80,7 +79,7 @@ def test_scale_is_pixels_per_millimetre_across_the_edge() -> None:
 def test_outlines_are_expected_inside_by_a_share_of_the_edge_break() -> None:
     ids, outline, _, directions = seen_at(EDGES, POSE)
     expected = fresh(0.4).expect(ids, outline, directions)
-    np.testing.assert_allclose(expected.offsets_mm[outline], -OUTLINE_SHARE_OF_BREAK * 0.4)
+    np.testing.assert_allclose(expected.offsets_mm[outline], -CONFIG.break_share * 0.4)
     np.testing.assert_array_equal(expected.offsets_mm[~outline], 0.0)
     np.testing.assert_allclose(expected.offsets_px, expected.offsets_mm * expected.px_per_mm)
     assert (expected.weights > 0.0).all()

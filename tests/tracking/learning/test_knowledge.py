@@ -21,7 +21,7 @@ from tests.made_parts import looking_at
 from tests.tracking.rendered import prepared
 from tests.tracking.views import prior_of, view_at
 
-ALL = SampleLearning()
+ALL = SampleLearning(offsets=OffsetConfig(follow_rate=0.0))
 
 
 @pytest.fixture(scope="module")

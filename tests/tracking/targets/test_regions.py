@@ -19,7 +19,6 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import Estimate
-from acp_lab.tracking.learning.region_colours import RegionColours
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.priors import ControlPointDamping
 from acp_lab.tracking.schedule import Level
@@ -43,6 +42,7 @@ CAMERA = Camera(width=400, height=320, fx=640.0, fy=650.0, cx=199.5, cy=159.5)
 PART_COLOUR, GROUND_COLOUR = (180, 60, 40), (40, 90, 150)
 COARSE, FINE = Level(14, 5.0, 400), Level(5, 1.0, 400)
 ACP_REGIONS = replace(ACP, targets=(NormalSearch(), RegionLines()))
+WITHOUT_REGIONS = replace(ACP, targets=(NormalSearch(),))
 # No image edge is as good as that, so that regions decide alone.
 REGIONS_ALONE = replace(
     ACP,
@@ -96,7 +96,7 @@ class Looked:
         return self.solver.source.generate(self.at(cam_T_obj), count)
 
     def lines(self, cam_T_obj: FloatArray) -> CorrespondenceLines:
-        return CorrespondenceLines(self.target, self.edges(cam_T_obj), self.at(cam_T_obj))
+        return self.target.lines(self.edges(cam_T_obj), self.at(cam_T_obj))
 
     def measure(self, cam_T_obj: FloatArray, level: Level, edges: GeneratedEdges | None = None) -> RegionMeasure:
         return self.target.bind(edges or self.edges(cam_T_obj, level.samples), self.at(cam_T_obj), level)
@@ -195,7 +195,7 @@ def test_the_posterior_finds_an_outline_that_was_shifted(
         for angle in np.arange(8) * np.pi / 4.0 + 0.2:
             shift = length * np.array([np.cos(angle), np.sin(angle)])
             lines = taught.next(painted(mask_of(part, truth, shift))).lines(truth)
-            found_px, weights = lines.posterior(scale)
+            found_px, weights = lines.posterior(scale, RegionLines().fade_px)
             clear = weights > 0.5
             found.append(found_px[clear])
             expected.append((lines.outward @ shift)[clear])
@@ -254,7 +254,7 @@ def test_lines_count_little_where_colours_are_alike(part: Part, taught: Looked, 
     image[left & ~mask] = PART_COLOUR
     after = taught.next(image)
     lines = after.lines(truth)
-    _, weights = lines.posterior(1)
+    _, weights = lines.posterior(1, RegionLines().fade_px)
     x = lines.points[:, 0]
     assert (weights[x > 215] > 0.3).mean() > 0.8
     # A posterior without any preference.
@@ -427,7 +427,7 @@ def test_regions_change_no_quality_but_the_score(
     part: Part, model: PreparedPart, sequence: MadeSequence, truth: FloatArray
 ) -> None:
     image = painted(mask_of(part, truth))
-    both, alone = looked_at(model, image, truth), looked_at(model, image, truth, ACP)
+    both, alone = looked_at(model, image, truth), looked_at(model, image, truth, WITHOUT_REGIONS)
     both.learn(truth)
     alone.learn(truth)
     found = []
@@ -456,13 +456,3 @@ def test_precision_at_fine_levels_is_a_share() -> None:
 def test_a_margin_that_opens_nothing_is_refused(margin: tuple[float, float]) -> None:
     with pytest.raises(TrackingError, match=r"^targets\.margin = .*: give two rising numbers$"):
         RegionLines(margin=margin)
-
-
-def test_colours_are_read_at_the_nearest_pixel_of_the_crop(part: Part, model: PreparedPart, truth: FloatArray) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (CAMERA.height, CAMERA.width, 3)).astype(np.uint8)
-    looked = looked_at(model, image, truth)
-    x0, y0, x1, y1 = looked.seen.view.box
-    inside = np.array([[x0 + 3.4, y0 + 7.6], [x1 - 2.6, y1 - 4.4]])
-    bins = RegionColours.bins(image)
-    np.testing.assert_array_equal(looked.target.pixels(inside), [bins[y0 + 8, x0 + 3], bins[y1 - 4, x1 - 3]])
-    assert looked.target.pixels(np.array([[-50.0, -80.0]]))[0] == bins[max(y0, 0), max(x0, 0)]

@@ -1,0 +1,21 @@
+"""Loops over edge points as machine code: what every kernel of the per-frame path has in common.
+
+Kernels are compiled by Numba when their module is first imported on a machine and kept on disk, so that no frame waits
+for a compiler. Each has a plain NumPy twin in the tests. They let go of Python's lock: trackers in several threads run
+side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def kernel(*signatures: str) -> Callable[[Function], Function]:
+    """Decorator: compile a function for these signatures, such as "f8[:](f8[:, ::1], i8)"."""
+    # No fastmath: NaN marks what is not known.
+    return cast("Callable[[Function], Function]", numba.njit(list(signatures), cache=True, nogil=True))

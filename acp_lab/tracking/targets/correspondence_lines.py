@@ -1,0 +1,202 @@
+"""Correspondence lines: short lines across the outline, on which colours say where the part ends.
+
+The log-odds of the pixels on a line are compared with a smoothed step at each of twelve places; the posterior over the
+places has a mean, where the part ends, and a variance, how sure that is (Stoiber et al., "SRT3D", 2022, section 3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, Uint16Array
+from acp_lab.tracking.learning.region_colours import RegionColours
+
+# Places at which the step is tried, in segments about the line's middle, and the segments that each looks at.
+_PLACES, _WINDOW = 12, 8
+_SEGMENTS = _PLACES + _WINDOW - 1
+# Amplitude and steepness of the smoothed step function.
+_STEP = -0.43 * np.tanh(np.arange(_WINDOW) - 0.5 * (_WINDOW - 1))
+_OFFSETS = np.arange(_PLACES, dtype=np.float64) - 0.5 * (_PLACES - 1)
+_MOST_LOG_ODDS = 4.0
+# px on either side of the outline that are compared for the margin, and lines below which there is none.
+_MARGIN_PX, _LEAST_LINES = 8, 4
+# Segments over which a posterior that lies far from the line's middle stops to count.
+_FADE = 1.5
+
+
+class ColourCrop:
+    """The colours of one frame around the part.
+
+    bins: (h, w) uint16 of its pixels, see `RegionColours.bins`; origin: (x, y) px of its first pixel in the full image.
+    colours: what is known of them.
+    """
+
+    def __init__(self, image: ByteImage, box: tuple[int, int, int, int], colours: RegionColours) -> None:
+        """image: (h, w, 3) uint8 RGB, the whole frame; box: (x0, y0, x1, y1) px, cut to the image."""
+        height, width = image.shape[:2]
+        x0, y0, x1, y1 = box
+        self.origin = x, y = min(max(x0, 0), width - 2), min(max(y0, 0), height - 2)
+        self.bins = RegionColours.bins(image[y : max(y1, y + 2), x : max(x1, x + 2)])
+        self.colours = colours
+
+
+@dataclass(frozen=True, eq=False)
+class CorrespondenceLines:
+    """n lines across the outline at one estimate.
+
+    Attributes:
+        crop: the colours that they are read from.
+        rows: (n,) of the edge points that are lines; ids: (n,) their samples.
+        points: (n, 2) px of the full image; outward: (n, 2) unit, off the part.
+        free: (2, n) px to where the part ends inwards, and begins again outwards.
+        px_per_mm: (n,) scale across the outline.
+    """
+
+    crop: ColourCrop
+    rows: IntArray
+    ids: IntArray
+    points: FloatArray
+    outward: FloatArray
+    free: FloatArray
+    px_per_mm: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @cached_property
+    def _in_crop(self) -> FloatArray:
+        return self.points - self.crop.origin
+
+    def posterior(self, scale: int, fade_px: float) -> tuple[FloatArray, FloatArray]:
+        """(n,) px from the line's middle to where the part ends, and (n,) weights in [0, 1].
+
+        scale: px per segment; fade_px: segments from the middle beyond which a posterior counts less.
+        """
+        found = np.empty((2, len(self)))
+        log_odds = self.crop.colours.log_odds
+        _posterior(self.crop.bins, log_odds, self._in_crop, self.outward, scale, _STEP, _LEAST_VARIANCE, found)
+        mean, weights = found
+        beyond = np.abs(mean) - fade_px
+        weights = weights * np.clip(1.0 - np.maximum(beyond, 0.0) / _FADE, 0.0, 1.0)
+        weights[self.free.min(0) < 2.0 * scale] = 0.0
+        return mean * scale, weights
+
+    def margin(self) -> float:
+        """Mean probability just inside less that just outside, in [-1, 1]; 0 with fewer than four lines."""
+        if len(self) < _LEAST_LINES or not self.crop.colours.is_known:
+            return 0.0
+        free = self.free.min(0)
+        return float(_margin(self.crop.bins, self.crop.colours.log_odds, self._in_crop, self.outward, free))
+
+    def bins_beside(self, reach_px: int) -> tuple[Uint16Array, Uint16Array]:
+        """(i,) bins of pixels of the part and (o,) of its background, less than `reach_px` from the outline."""
+        inwards, outwards = (
+            _bins_along(self.crop.bins, self._in_crop, sign * self.outward, free, reach_px)
+            for sign, free in zip((-1.0, 1.0), np.ascontiguousarray(self.free), strict=True)
+        )
+        return inwards, outwards
+
+
+@kernel("i8(u2[:, ::1], f8, f8)")
+def _nearest(bins: Uint16Array, x: float, y: float) -> int:
+    """The bin of the pixel of (h, w) that is nearest to (x, y), -1 outside."""
+    height, width = bins.shape
+    column, row = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
+    if not (0 <= column < width and 0 <= row < height):
+        return -1
+    nearest: int = bins[row, column]
+    return nearest
+
+
+@kernel("f8(u2[:, ::1], f4[::1], f8, f8)")
+def _odds_at(bins: Uint16Array, log_odds: Float32Array, x: float, y: float) -> float:
+    """Log-odds at (x, y); 0 where nobody sees: a part that leaves the image does not end there."""
+    found = _nearest(bins, x, y)
+    odds: float = log_odds[found] if found >= 0 else 0.0
+    return odds
+
+
+@kernel("void(u2[:, ::1], f4[::1], f8[:, ::1], f8[:, ::1], i8, f8[::1], f8, f8[:, ::1])")
+def _posterior(
+    bins: Uint16Array, log_odds: Float32Array, points: FloatArray, outward: FloatArray, scale: int, step: FloatArray,
+    least_variance: float, found: FloatArray,
+) -> None:  # fmt: skip
+    """Fill found (2, n): the posterior's mean in segments, and the share of a clean step's variance in its own."""
+    segments, evidence = np.empty(_SEGMENTS), np.empty(_PLACES)
+    first = -0.5 * (_SEGMENTS * scale - 1)
+    for i in range(len(points)):
+        for segment in range(_SEGMENTS):
+            total = 0.0
+            for k in range(segment * scale, (segment + 1) * scale):
+                way = first + k
+                total += log_odds[
+                    _nearest(bins, points[i, 0] + way * outward[i, 0], points[i, 1] + way * outward[i, 1])
+                ]
+            segments[segment] = min(max(total, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
+        most = -np.inf
+        for place in range(_PLACES):
+            evidence[place] = 0.0
+            for k in range(_WINDOW):
+                evidence[place] += segments[place + k] * step[k]
+            most = max(most, evidence[place])
+        total, mean, square = 0.0, 0.0, 0.0
+        for place in range(_PLACES):
+            probability, offset = np.exp(evidence[place] - most), place - 0.5 * (_PLACES - 1)
+            total += probability
+            mean += probability * offset
+            square += probability * offset * offset
+        mean /= total
+        found[0, i] = mean
+        found[1, i] = least_variance / max(square / total - mean * mean, least_variance)
+
+
+@kernel("f8(u2[:, ::1], f4[::1], f8[:, ::1], f8[:, ::1], f8[::1])")
+def _margin(
+    bins: Uint16Array, log_odds: Float32Array, points: FloatArray, outward: FloatArray, free: FloatArray
+) -> float:
+    """See `CorrespondenceLines.margin`; free: (n,) px that are free on both sides."""
+    total = 0.0
+    for i in range(len(points)):
+        margin, count = 0.0, 0
+        for way in range(1, _MARGIN_PX + 1):
+            if way > free[i]:
+                break
+            x, y = way * outward[i, 0], way * outward[i, 1]
+            inside = _odds_at(bins, log_odds, points[i, 0] - x, points[i, 1] - y)
+            outside = _odds_at(bins, log_odds, points[i, 0] + x, points[i, 1] + y)
+            margin += 1.0 / (1.0 + np.exp(-inside)) - 1.0 / (1.0 + np.exp(-outside))
+            count += 1
+        total += margin / max(count, 1)
+    return total / len(points)
+
+
+@kernel("u2[::1](u2[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], i8)")
+def _bins_along(bins: Uint16Array, points: FloatArray, way: FloatArray, free: FloatArray, reach_px: int) -> Uint16Array:
+    """(m,) bins of the pixels at 1, 2, ... px along (n, 2) unit ways, less than `reach_px` and `free` (n,) away."""
+    found, count = np.empty(len(points) * max(reach_px, 0), np.uint16), 0
+    for i in range(len(points)):
+        for k in range(1, reach_px):
+            if k >= free[i]:
+                break
+            seen = _nearest(bins, points[i, 0] + k * way[i, 0], points[i, 1] + k * way[i, 1])
+            if seen < 0:
+                break
+            found[count] = seen
+            count += 1
+    return found[:count].copy()
+
+
+def _variance_of_a_clean_step() -> float:
+    """In squared segments, the least variance that a line is believed to have."""
+    log_odds = np.where(np.arange(_SEGMENTS) < 0.5 * _SEGMENTS, 3.0, -3.0)
+    evidence = np.convolve(log_odds, _STEP[::-1], mode="valid")
+    probability = np.exp(evidence - evidence.max())
+    probability /= probability.sum()
+    return max(0.05, float(probability @ (_OFFSETS - probability @ _OFFSETS) ** 2))
+
+
+_LEAST_VARIANCE = _variance_of_a_clean_step()
