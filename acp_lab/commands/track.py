@@ -149,12 +149,12 @@ class PartShelf:
 
     def part(self, mesh: Path) -> PreparedPart:
         """The prepared part of a mesh; PreparationError, naming the command to run, when there is none."""
-        from acp_lab.prepared_part import PreparedPart
+        from acp_lab.prepared_part import PreparedPart, part_folder
 
         if mesh not in self._loaded:
             if not mesh.is_file():
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
-            self._loaded[mesh] = PreparedPart.load(self.folder / mesh.stem, mesh)
+            self._loaded[mesh] = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
         return self._loaded[mesh]
 
 
