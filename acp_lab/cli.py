@@ -196,6 +196,7 @@ def track(
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="Stop after that many frames of each scene.", metavar="N")
     ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on after the rows of a run that was stopped.")] = False,
 ) -> None:
     """Track prepared parts through a data set or a video."""
     from acp_lab.commands.machine import limit_threads
@@ -222,6 +223,7 @@ def track(
         replay_iterations=replay_iterations.value,
         threads=threads,
         max_frames=max_frames,
+        resume=resume,
     )
     from acp_lab.commands.track_run import track_parts
 

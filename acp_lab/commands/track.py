@@ -53,6 +53,7 @@ class TrackOptions:
     replay_iterations: Literal["off", "failures", "all"] = "off"
     threads: int = 1
     max_frames: int | None = None
+    resume: bool = False
 
     def __post_init__(self) -> None:
         if self.config is not None and self.method is not None:
@@ -107,6 +108,10 @@ class TrackOptions:
         written = {self.out.resolve(), run_info_path(self.out).resolve()}
         if self.replay is not None and self.replay.resolve() in written:
             raise InputFileError(f"{self.replay}: --replay and --out are the same file: choose two")
+        if self.resume and self.replay is not None and self.replay.exists():
+            raise InputFileError(
+                f"{self.replay}: holds the frames before, and --resume would replace it: give --replay another name"
+            )
         check_replaces_own(self.out, HEADER_START, "--out", "results")
         check_replaces_own(run_info_path(self.out), b"{", "--out", "run information")
         if self.replay is not None:

@@ -15,9 +15,11 @@ from typing import Any
 
 from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
+from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.rest import RestOfSequence
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult
@@ -27,11 +29,19 @@ from acp_lab.tracking.tracker import Tracker
 
 
 class ResultsObserver(ResultsFile):
-    """One file for all scenes; `info`, which goes on filling, becomes results.run.json, then and again by `finish`."""
+    """One file for all scenes; `info`, which goes on filling, becomes results.run.json, then and again by `finish`.
 
-    def __init__(self, path: Path, info: dict[str, Any]) -> None:
-        super().__init__(path, info)
+    go_on: the rows that stay; those of its image are not written again.
+    """
+
+    def __init__(self, path: Path, info: dict[str, Any], go_on: Resumption | None = None) -> None:
+        super().__init__(path, info, go_on.keep_bytes if go_on else 0)
         self._info = info
+        self._stands = (go_on.scene_id, go_on.im_id) if go_on else None
+
+    def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        """Write the frame's rows, unless they stand there."""
+        super().on_frame(frame, {} if (self._scene_id, frame.index) == self._stands else results)
 
     def on_end(self) -> None:
         """Stay open for the next scene."""
@@ -144,22 +154,33 @@ def run_jobs(
     # Before files are replaced: a part may lack the generator that the method needs.
     generators = {name: Tracker(model, method).generator_name for name, model in parts.items()}
     info = _run_info(parts, generators, method, options)
+    info["inputs"] = inputs_of(jobs, options.parts, info["configuration"])
+    go_on = resumption(options.out, jobs, info["inputs"], options.max_frames) if options.resume else None
+    if go_on is not None:
+        jobs = [rest for job in jobs if (rest := go_on.rest_of(job)) is not None]
+        info["resumed_after"] = {"scene_id": go_on.scene_id, "im_id": go_on.im_id}
+        console.note(go_on.told(bool(jobs)))
+        if not jobs:
+            return ()
     replays = [] if options.replay is None else [_replay(options, len(jobs))]
     summaries: list[ObjectSummary] = []
     console.note(_generators_in_use(generators))
-    results = ResultsObserver(options.out, info)
+    results = ResultsObserver(options.out, info, go_on)
     start = time.perf_counter()
     try:
         for job in jobs:
             seen = SummaryObserver()
+            most = options.max_frames
+            if most is not None and isinstance(job.sequence, RestOfSequence):
+                most -= job.sequence.skipped
             count = len(job.sequence.frame_ids)
-            reporter = Reporter(min(count, options.max_frames or count))
+            reporter = Reporter(min(count, most or count))
             track_sequence(
                 {object_id: Tracker(model, method) for object_id, model in job.models.items()},
                 job.sequence,
                 job.starts,
                 observers=(results, seen, reporter, *replays, *extra),
-                max_frames=options.max_frames,
+                max_frames=most,
             )
             summaries += seen.objects.values()
         info["complete"] = True
