@@ -102,10 +102,9 @@ def resumption(
     done: set[int] = set()
     for (scene_id, im_id), group in groupby(rows, key=lambda row: row[0].key[:2]):
         of_frame = tuple(group)
-        job = by_scene.get(scene_id)
-        if job is None or im_id not in job.sequence.frame_ids:
+        if scene_id not in by_scene or im_id not in by_scene[scene_id].sequence.frame_ids:
             raise InputFileError(f"{results}: has scene {scene_id}, image {im_id}, which is not tracked: {ANEW}")
-        found = tuple(row for row, _ in of_frame)
+        found, job = tuple(row for row, _ in of_frame), by_scene[scene_id]
         if {row.obj_id for row in found} != set(job.starts):
             break  # cut off within the frame
         if im_id == job.sequence.frame_ids[:max_frames][-1]:

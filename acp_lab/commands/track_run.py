@@ -22,7 +22,7 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.rest import RestOfSequence
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
-from acp_lab.tracking.result import NOT_PREPARED, TrackResult
+from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.results_file import ResultsFile
 from acp_lab.tracking.session import track_sequence
 from acp_lab.tracking.tracker import Tracker
@@ -91,6 +91,8 @@ class ObjectSummary:
     times_s: list[float] = field(default_factory=list)
     qualities: list[float] = field(default_factory=list)
     states: Counter[str] = field(default_factory=Counter)
+    unreadable: int = 0
+    first_lost: int | None = None
 
     @property
     def time_s_median(self) -> float:
@@ -100,6 +102,10 @@ class ObjectSummary:
     def __str__(self) -> str:
         frames = f"{sum(self.states.values())} frames{self.size}"
         states = ", ".join(f"{count} {state}" for state, count in self.states.most_common())
+        if self.first_lost is not None:
+            states += f"; first lost in image {self.first_lost}"
+        if self.unreadable:
+            states += f"; {self.unreadable} not readable"
         quality = f"{median(self.qualities):.2f}" if self.qualities else "-"
         return (
             f"scene {self.scene_id}, object {self.object_id} ({self.part}): {frames} ({states}), "
@@ -123,6 +129,9 @@ class SummaryObserver:
         for object_id, result in results.items():
             summary = self.objects[object_id]
             summary.states[str(result.state)] += 1
+            if result.state is TrackState.LOST and summary.first_lost is None:
+                summary.first_lost = frame.index
+            summary.unreadable += isinstance(frame, UnreadableFrame)
             if isinstance(frame, Frame):
                 summary.size = f" of {frame.camera.width} x {frame.camera.height}"
                 summary.times_s.append(result.timings.total_s)
