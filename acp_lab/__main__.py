@@ -1,10 +1,28 @@
-"""`python -m acp_lab` is `acp-lab`."""
+"""`acp-lab`, and `python -m acp_lab`: Ctrl-C is listened to before anything heavy is imported."""
 
 from __future__ import annotations
 
 import sys
 
-from acp_lab.cli import main
+from acp_lab.commands import interrupt
+
+
+def run() -> int:
+    """One command, from the process's own arguments; the exit status, 130 after Ctrl-C."""
+    interrupt.listen()
+    try:
+        from acp_lab.cli import main
+
+        status = main()
+    except BaseException:
+        if not interrupt.pressed():
+            raise
+        # The key came while the command line itself was imported.
+        print("note: interrupted", file=sys.stderr)
+        status = interrupt.EXIT_STATUS
+    interrupt.ignore()  # the work is done: nothing that Python takes down at its end may be torn
+    return status
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run())

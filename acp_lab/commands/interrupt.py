@@ -1,28 +1,44 @@
 """Ctrl-C that cannot get lost.
 
 Some libraries swallow KeyboardInterrupt while they are imported (`except BaseException` around optional
-imports), so that a key pressed in the first second would do nothing. The handler here also remembers it,
-and commands ask at every step.
+imports), or turn it into another error. The handler here also remembers it, and commands ask at every step.
 """
 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
+
+EXIT_STATUS = 130
 
 _seen = threading.Event()
 
 
+def listen() -> None:
+    """From now on Ctrl-C raises KeyboardInterrupt as always, and is remembered for `check` and `pressed`."""
+    _seen.clear()
+    signal.signal(signal.SIGINT, _remember)
+    sys.unraisablehook = _tell_unraisable
+
+
+def ignore() -> None:
+    """From now on Ctrl-C does nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Inside, Ctrl-C raises KeyboardInterrupt as always and is remembered for `check`."""
-    _seen.clear()
-    if threading.current_thread() is not threading.main_thread():  # only the main thread may set handlers
+    """Inside, as after `listen`, if that was not called."""
+    is_main = threading.current_thread() is threading.main_thread()  # only the main thread may set handlers
+    if not is_main or signal.getsignal(signal.SIGINT) is _remember:
         yield
         return
+    _seen.clear()
     before = signal.signal(signal.SIGINT, _remember)
     try:
         yield
@@ -31,13 +47,23 @@ def remembered() -> Iterator[None]:
         _seen.clear()
 
 
+def pressed() -> bool:
+    """Whether Ctrl-C was pressed since the listening began."""
+    return _seen.is_set()
+
+
 def check() -> None:
     """Raise KeyboardInterrupt if Ctrl-C was pressed and got lost."""
-    if _seen.is_set():
-        _seen.clear()
+    if pressed():
         raise KeyboardInterrupt
 
 
 def _remember(number: int, frame: FrameType | None) -> None:
     _seen.set()
     raise KeyboardInterrupt
+
+
+def _tell_unraisable(unraisable: Any) -> None:
+    """As Python does, but for a KeyboardInterrupt that came while an object was taken down: it is remembered."""
+    if unraisable.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(unraisable)

@@ -51,6 +51,7 @@ class TrackOptions:
     seed: int = 0
     replay: Path | None = None
     replay_iterations: Literal["off", "failures", "all"] = "off"
+    replay_max_mb: float | None = None
     threads: int = 1
     max_frames: int | None = None
     resume: bool = False
@@ -66,6 +67,11 @@ class TrackOptions:
                 raise AcpLabError(f"{option} {value}: give a finite number")
         if self.noise_deg > 180.0:
             raise AcpLabError(f"--init-noise-deg {self.noise_deg:g}: give at most 180 degrees")
+        if self.replay_max_mb is not None:
+            if self.replay is None:
+                raise AcpLabError(f"--replay-max-mb {self.replay_max_mb:g}: only goes with --replay: leave it out")
+            if not math.isfinite(self.replay_max_mb):
+                raise AcpLabError(f"--replay-max-mb {self.replay_max_mb}: give a finite number")
         if self.dataset is not None and self.video is not None:
             raise AcpLabError(f"--video {self.video}: track a data set or a video, not both")
         if self.dataset is None and self.video is None:

@@ -7,11 +7,12 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
@@ -24,8 +25,11 @@ from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.results_file import ResultsFile
-from acp_lab.tracking.session import track_sequence
+from acp_lab.tracking.session import follow_sequence
 from acp_lab.tracking.tracker import Tracker
+
+if TYPE_CHECKING:
+    from acp_lab.display.replay.recorder import Replay
 
 
 class ResultsObserver(ResultsFile):
@@ -113,6 +117,17 @@ class ObjectSummary:
         )
 
 
+@dataclass(frozen=True)
+class RunSummary:
+    """What came of a run; prints as a line per object. replay_lacks: what was left out of the replay, in words."""
+
+    objects: tuple[ObjectSummary, ...] = ()
+    replay_lacks: str = ""
+
+    def __str__(self) -> str:
+        return "\n".join(str(of_object) for of_object in self.objects)
+
+
 class SummaryObserver:
     """Counts states and collects times."""
 
@@ -144,16 +159,16 @@ class SummaryObserver:
 def track_parts(options: TrackOptions) -> None:
     """Track, write the results and print what came of it."""
     interrupt.check()
-    for summary in run_jobs(scene_jobs(options), options):
+    summary = run_jobs(scene_jobs(options), options)
+    if summary.objects:
         print(summary)
     print(f"{options.out}: written")
-    if options.replay is not None:
-        print(f"{options.replay}: written; acp-lab replay {options.replay} shows it")
+    if options.replay is not None and summary.objects:
+        lacks = f" ({summary.replay_lacks})" if summary.replay_lacks else ""
+        print(f"{options.replay}: written{lacks}; acp-lab replay {options.replay} shows it")
 
 
-def run_jobs(
-    jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()
-) -> tuple[ObjectSummary, ...]:
+def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()) -> RunSummary:
     """Track all scenes one after the other; what was seen, per scene and object.
 
     Writes options.out, results.run.json beside it, and options.replay. extra: observers of every scene.
@@ -170,41 +185,51 @@ def run_jobs(
         info["resumed_after"] = {"scene_id": go_on.scene_id, "im_id": go_on.im_id}
         console.note(go_on.told(bool(jobs)))
         if not jobs:
-            return ()
-    replays = [] if options.replay is None else [_replay(options, len(jobs))]
-    summaries: list[ObjectSummary] = []
+            return RunSummary()
     console.note(_generators_in_use(generators))
     results = ResultsObserver(options.out, info, go_on)
+    replay = None if options.replay is None else _replay(options, options.replay, jobs)
+    listening: tuple[Observer, ...] = (results, *extra) if replay is None else (results, replay, *extra)
     start = time.perf_counter()
-    try:
-        for job in jobs:
-            seen = SummaryObserver()
-            most = options.max_frames
-            if most is not None and isinstance(job.sequence, RestOfSequence):
-                most -= job.sequence.skipped
-            count = len(job.sequence.frame_ids)
-            reporter = Reporter(min(count, most or count))
-            track_sequence(
-                {object_id: Tracker(model, method) for object_id, model in job.models.items()},
-                job.sequence,
-                job.starts,
-                observers=(results, seen, reporter, *replays, *extra),
-                max_frames=most,
-            )
-            summaries += seen.objects.values()
-        info["complete"] = True
-    finally:
-        info["wall_s"] = time.perf_counter() - start
-        info["peak_memory_mb"] = machine.peak_memory_mb()
-        results.finish()
-    return tuple(summaries)
+    with ExitStack() as at_the_end:
+        if replay is not None:
+            at_the_end.callback(replay.close)  # last: when it fails, the results are complete
+        try:
+            summaries = [summary for job in jobs for summary in _follow(job, method, options, listening)]
+            info["complete"] = True
+        finally:
+            info["wall_s"] = time.perf_counter() - start
+            info["peak_memory_mb"] = machine.peak_memory_mb()
+            results.finish()
+    return RunSummary(tuple(summaries), "" if replay is None else replay.lacks)
 
 
-def _replay(options: TrackOptions, sessions: int) -> Observer:
+def _follow(
+    job: SceneJob, method: Method, options: TrackOptions, listening: Sequence[Observer]
+) -> tuple[ObjectSummary, ...]:
+    """Track one scene."""
+    most = options.max_frames
+    if most is not None and isinstance(job.sequence, RestOfSequence):
+        most -= job.sequence.skipped
+    count = len(job.sequence.frame_ids)
+    seen, reporter = SummaryObserver(), Reporter(min(count, most or count))
+    follow_sequence(
+        {object_id: Tracker(model, method) for object_id, model in job.models.items()},
+        job.sequence,
+        job.starts,
+        observers=(listening[0], seen, reporter, *listening[1:]),
+        max_frames=most,
+    )
+    return tuple(seen.objects.values())
+
+
+def _replay(options: TrackOptions, path: Path, jobs: Sequence[SceneJob]) -> Replay:
     from acp_lab.display.replay.recorder import Replay
 
-    assert options.replay is not None
-    return Replay(options.replay, sessions, options.replay_iterations)
+    most_mb = float("inf") if options.replay_max_mb is None else options.replay_max_mb
+    counts = [min(len(job.sequence.frame_ids), options.max_frames or sys.maxsize) for job in jobs]
+    # One session more than there are: it is closed when the results are.
+    return Replay(path, len(jobs) + 1, options.replay_iterations, most_mb, sum(counts) if all(counts) else 0)
 
 
 def _generators_in_use(generators: Mapping[str, str]) -> str:
