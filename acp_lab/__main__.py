@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
 
 from acp_lab.commands import interrupt
 
@@ -21,6 +23,11 @@ def run() -> int:
         print("note: interrupted", file=sys.stderr)
         status = interrupt.EXIT_STATUS
     interrupt.ignore()  # the work is done: nothing that Python takes down at its end may be torn
+    if any(thread.daemon for thread in threading.enumerate()):
+        # A library that does not come back, as rerun's writer on a full disk: Python's end would wait for it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
     return status
 
 

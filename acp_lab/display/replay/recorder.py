@@ -11,6 +11,7 @@ killed leaves one that `acp-lab replay` opens, up to its torn end.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -31,6 +32,15 @@ from acp_lab.tracking.result import TrackResult
 APPLICATION = "acp_lab"
 RUN_PROPERTY = "acp_lab_run"
 """Property of a recording: what `replay.file` has to know of it, as that a torn file lacks so many frames."""
+
+
+FLUSH_S, LAST_FLUSH_S = 5.0, 120.0
+"""How long to wait for rerun's writer. On a full disk it sometimes dies without a word."""
+
+
+def _disconnect(recording: Any) -> None:
+    with suppress(RuntimeError):
+        recording.disconnect()
 
 
 class Replay:
@@ -120,12 +130,14 @@ class Replay:
 
     def _complete(self, recording: Any) -> None:
         try:
-            recording.flush()
-            recording.disconnect()
+            if self._failure is None:
+                recording.flush(timeout_sec=LAST_FLUSH_S)
         except RuntimeError as error:
             self._failure = error
-            with suppress(RuntimeError):
-                recording.disconnect()  # else it complains again when Python ends
+        # Else it complains when Python ends. A writer that died may make it wait for ever.
+        closing = threading.Thread(target=_disconnect, args=(recording,), name="replay closing", daemon=True)
+        closing.start()
+        closing.join(None if self._failure is None else FLUSH_S)
         if self._failure is not None:
             raise InputFileError(
                 f"{self.path}: the replay could not be written to its end ({self._failure}): check the room on the "
@@ -136,7 +148,7 @@ class Replay:
         """See what the file takes by now, and drop what it has no room for."""
         assert self._images is not None
         if self._frames == 1:
-            self._recording.flush()  # what is logged once is in the file then
+            self._recording.flush(timeout_sec=FLUSH_S)  # what is logged once is in the file then
         data_bytes = max(0, self.path.stat().st_size - self._images.sent_bytes)
         before = self._budget.told
         in_all = self._frames_in_all or (self._session.frame_count if self._sessions == 1 else 0)
@@ -182,7 +194,7 @@ class Replay:
             reach=[self._spot.reach],
         )
         self._recording.send_property(RUN_PROPERTY, described)
-        self._recording.flush()  # before any frame: without it a killed run's file says nothing
+        self._recording.flush(timeout_sec=FLUSH_S)  # before any frame: else a killed run's file says nothing
 
     def _open(self) -> None:
         import rerun as rr
