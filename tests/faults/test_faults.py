@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from tests.faults.__main__ import make_source
 from tests.faults.table import PROJECT, ROWS, Row, Workplace
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="pipes in folders, limits of files and kill -9 are of POSIX")
 
 QUICK = [found for found in ROWS if found.quick]
 
