@@ -1,7 +1,8 @@
 """Ctrl-C that cannot get lost.
 
 Some libraries swallow KeyboardInterrupt while they are imported (`except BaseException` around optional
-imports), or turn it into another error. The handler here also remembers it, and commands ask at every step.
+imports), turn it into another error, or crash later because half of a module is there. So while something is imported
+the handler here waits until that is done; it remembers the key, and commands ask at every step.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 EXIT_STATUS = 130
 
+_AGAIN_S = 0.05
 _seen = threading.Event()
 
 
@@ -60,7 +62,27 @@ def check() -> None:
 
 def _remember(number: int, frame: FrameType | None) -> None:
     _seen.set()
-    raise KeyboardInterrupt
+    if not _is_importing(frame):
+        raise KeyboardInterrupt
+    again = threading.Timer(_AGAIN_S, _press)
+    again.daemon = True
+    again.start()
+
+
+def _press() -> None:
+    """Ctrl-C once more, to the main thread, which may be waiting for something."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        signal.raise_signal(signal.SIGINT)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _tell_unraisable(unraisable: Any) -> None:

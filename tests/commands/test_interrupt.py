@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -67,6 +68,23 @@ def test_a_key_during_imports(module: str, dataset: Path, parts: Path, tmp_path:
     command = [sys.executable, "-c", PRESSED, module, *map(str, words)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (130, "note: interrupted\n")
+
+
+def test_no_module_is_left_half_imported(tmp_path: Path) -> None:
+    """A C extension that was interrupted there may crash the process when it is used again."""
+    (tmp_path / "halves.py").write_text(
+        "import signal, time\nfirst = 1\nsignal.raise_signal(signal.SIGINT)\ntime.sleep(0.2)\nsecond = 2\n"
+    )
+    code = (
+        "import sys, time\nfrom acp_lab.commands import interrupt\ninterrupt.listen()\n"
+        "try:\n    import halves\n    time.sleep(30)\n"
+        "except KeyboardInterrupt:\n    print(sys.modules['halves'].second)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.getcwd()])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=20, env=environment
+    )
+    assert (done.stdout, done.stderr) == ("2\n", "")
 
 
 def test_after_its_work_a_command_cannot_be_torn() -> None:

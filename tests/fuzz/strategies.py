@@ -15,20 +15,6 @@ from hypothesis import strategies as st
 from tests.fuzz.readers import Reader
 
 WORDS = (b"0", b"-1", b"3", b"1e300", b"1e400", b"nan", b"inf", b"9" * 400, b"x", b"", b"\xff", b"[" * 50)
-    b"0",
-    b"-1",
-    b"1e300",
-    b"1e400",
-    b"nan",
-    b"inf",
-    b"999999999999",
-    b"9" * 400,
-    b"x",
-    b"",
-    b"\xff",
-    b"[" * 50,
-    b"3",
-)
 VALUES: tuple[Any, ...] = (
     0, -1, 1e300, float("nan"), float("inf"), 10**400, 10**18, None, True,
     "x", "", "<b>", "\n", [], {}, [[]], [1, 2], {"a": 1},
