@@ -19,9 +19,7 @@ def run() -> int:
     except BaseException:
         if not interrupt.pressed():
             raise
-        # The key came while the command line itself was imported.
-        print("note: interrupted", file=sys.stderr)
-        status = interrupt.EXIT_STATUS
+        status = interrupt.tell()  # the key came while the command line itself was imported, or a second time
     interrupt.ignore()  # the work is done: nothing that Python takes down at its end may be torn
     if any(thread.daemon for thread in threading.enumerate()):
         # A library that does not come back, as rerun's writer on a full disk: Python's end would wait for it.

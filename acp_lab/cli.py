@@ -301,8 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return status if isinstance(status, int) else 0
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt | typer.Abort) or interrupt.pressed():
-                console.say("note", "interrupted")
-                return interrupt.EXIT_STATUS
+                return interrupt.tell()
             if not isinstance(error, Exception):
                 raise
             return _fail(error)

@@ -18,12 +18,12 @@ from typing import Any
 EXIT_STATUS = 130
 
 _AGAIN_S = 0.05
-_seen = threading.Event()
+_seen, _raised, _told = threading.Event(), threading.Event(), threading.Event()
 
 
 def listen() -> None:
     """From now on Ctrl-C raises KeyboardInterrupt as always, and is remembered for `check` and `pressed`."""
-    _seen.clear()
+    _forget()
     signal.signal(signal.SIGINT, _remember)
     sys.unraisablehook = _tell_unraisable
 
@@ -40,18 +40,26 @@ def remembered() -> Iterator[None]:
     if not is_main or signal.getsignal(signal.SIGINT) is _remember:
         yield
         return
-    _seen.clear()
+    _forget()
     before = signal.signal(signal.SIGINT, _remember)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        _seen.clear()
+        _forget()
 
 
 def pressed() -> bool:
     """Whether Ctrl-C was pressed since the listening began."""
     return _seen.is_set()
+
+
+def tell() -> int:
+    """Say, once, that the command was interrupted; the exit status for that."""
+    if not _told.is_set():
+        _told.set()
+        print("note: interrupted", file=sys.stderr, flush=True)
+    return EXIT_STATUS
 
 
 def check() -> None:
@@ -60,9 +68,15 @@ def check() -> None:
         raise KeyboardInterrupt
 
 
+def _forget() -> None:
+    for event in (_seen, _raised, _told):
+        event.clear()
+
+
 def _remember(number: int, frame: FrameType | None) -> None:
     _seen.set()
     if not _is_importing(frame):
+        _raised.set()
         raise KeyboardInterrupt
     again = threading.Timer(_AGAIN_S, _press)
     again.daemon = True
@@ -70,7 +84,9 @@ def _remember(number: int, frame: FrameType | None) -> None:
 
 
 def _press() -> None:
-    """Ctrl-C once more, to the main thread, which may be waiting for something."""
+    """Ctrl-C once more, to the main thread, which may be waiting for something; unless another one got through."""
+    if _raised.is_set():
+        return
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     else:

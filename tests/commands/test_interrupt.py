@@ -96,6 +96,12 @@ def test_after_its_work_a_command_cannot_be_torn() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_it_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    with interrupt.remembered():
+        assert (interrupt.tell(), interrupt.tell()) == (130, 130)
+    assert capsys.readouterr().err == "note: interrupted\n"
+
+
 def test_an_error_that_a_key_turned_into_is_the_key(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
