@@ -5,12 +5,14 @@
 #   PIP_ARGS  extra arguments of every pip install, e.g. another index   make demo PIP_ARGS="--extra-index-url ..."
 #   OUT       where the demo writes                                      make demo OUT=~/demo
 #   DATASETS  what to measure on                                         make bench DATASETS="path/to/bop other/set"
+#   SECONDS   how long to look for files that break a reader             make fuzz SECONDS=60
 
 PYTHON   ?= python3
 VENV     ?= .venv
 PIP_ARGS ?=
 OUT      ?= acp_lab_demo
 DATASETS ?= acp_lab/sample/data
+SECONDS  ?= 600
 
 # The networks here are so small that more threads only wait for each other (environment.md, Threads).
 OMP_NUM_THREADS ?= 1
@@ -20,9 +22,10 @@ BIN := $(VENV)/bin
 # Stamps: pip runs again only when pyproject.toml is newer than the last install, so that everything works offline.
 RUN_STAMP := $(VENV)/.installed-run
 DEV_STAMP := $(VENV)/.installed-dev
+FUZZ_STAMP := $(VENV)/.installed-fuzz
 
 .DEFAULT_GOAL := help
-.PHONY: help install install-dev demo test test-fast lint types format lab wheel bench clean clean-all
+.PHONY: help install install-dev demo test test-fast faults faults-long fuzz lint types format lab wheel bench clean clean-all
 .DELETE_ON_ERROR:
 
 help: ## list all targets
@@ -36,6 +39,15 @@ test: lint types ## everything that CI runs: lint, types, all tests
 
 test-fast: $(DEV_STAMP) ## the tests that take under 3 minutes together
 	"$(BIN)/python" -m pytest -m "not slow and not browser"
+
+faults: $(DEV_STAMP) ## what happens when something goes wrong: try it all, write docs/faults.md
+	"$(BIN)/python" -m tests.faults --write
+
+faults-long: $(DEV_STAMP) fuzz ## the same for random moments, long runs and random files; hours
+	"$(BIN)/python" -m tests.faults --long
+
+fuzz: $(FUZZ_STAMP) ## random files for every reader, SECONDS in all (default 600)
+	"$(BIN)/python" -m tests.fuzz --seconds "$(SECONDS)"
 
 lint: $(DEV_STAMP) ## ruff
 	"$(BIN)/python" -m ruff check .
@@ -87,3 +99,8 @@ $(DEV_STAMP): pyproject.toml | $(BIN)/python
 	"$(BIN)/python" -m pip install $(PIP_ARGS) -e ".[dev,step,recipes,notebook]"
 	$(quiet_rerun)
 	@touch "$(RUN_STAMP)" "$@"
+
+# A fuzzer that follows coverage, where there is one for this system; without it random files come from hypothesis.
+$(FUZZ_STAMP): $(DEV_STAMP)
+	"$(BIN)/python" -m pip install $(PIP_ARGS) -e ".[fuzz]" || echo "note: no atheris here, hypothesis draws the files"
+	@touch "$@"

@@ -192,10 +192,14 @@ def track(
     replay_iterations: Annotated[
         Iterations, typer.Option(help="Frames whose iterations go into the replay, too.")
     ] = Iterations.OFF,
+    replay_max_mb: Annotated[
+        float | None, typer.Option(min=5, help="Keep the replay below N MB: images are dropped first.", metavar="N")
+    ] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads.", metavar="N")] = 1,
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="Stop after that many frames of each scene.", metavar="N")
     ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on after the rows of a run that was stopped.")] = False,
 ) -> None:
     """Track prepared parts through a data set or a video."""
     from acp_lab.commands.machine import limit_threads
@@ -220,8 +224,10 @@ def track(
         seed=seed,
         replay=replay,
         replay_iterations=replay_iterations.value,
+        replay_max_mb=replay_max_mb,
         threads=threads,
         max_frames=max_frames,
+        resume=resume,
     )
     from acp_lab.commands.track_run import track_parts
 
@@ -288,13 +294,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             # Not app(...): that would install typer's own printing of exceptions.
             status = typer.main.get_command(app).main(words, prog_name="acp-lab", standalone_mode=False)
-            interrupt.check()
+            # It makes a status of a key that was pressed, and an empty line, for which nobody asked.
+            if status == interrupt.EXIT_STATUS or interrupt.pressed():
+                raise KeyboardInterrupt
             console.release_notes()
             return status if isinstance(status, int) else 0
-        except (KeyboardInterrupt, typer.Abort):
-            console.release_notes()
-            return 130
-        except Exception as error:
+        except BaseException as error:
+            if isinstance(error, KeyboardInterrupt | typer.Abort) or interrupt.pressed():
+                return interrupt.tell()
+            if not isinstance(error, Exception):
+                raise
             return _fail(error)
 
 

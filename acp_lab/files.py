@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -34,6 +35,14 @@ def replacing(path: Path, what: str = "the file") -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what killed writers of a file left beside it, those of files in a folder in it. Nobody may be writing."""
+    folder, name = (path, "*") if path.is_dir() else (path.parent, glob.escape(path.name))
+    for leftover in folder.glob(f".{name}.*.tmp"):
+        with suppress(OSError):
+            leftover.unlink()
 
 
 def write_whole(path: Path, content: bytes, what: str = "the file") -> None:

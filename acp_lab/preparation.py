@@ -23,7 +23,18 @@ from acp_lab.files import write_whole
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.generator.templates import build_templates
-from acp_lab.prepared_part import PreparedPart, PrepareOptions, RegionReport, Trained, read_header
+from acp_lab.locks import only_writer
+from acp_lab.prepared_part import (
+    FORMAT_VERSION,
+    UNSEALED_VERSION,
+    PreparedPart,
+    PrepareOptions,
+    RegionReport,
+    Trained,
+    add_checksums,
+    part_folder,
+    read_header,
+)
 
 if TYPE_CHECKING:
     from acp_lab.control_points.regression import RegressionConfig
@@ -47,12 +58,19 @@ def prepare(
         progress: called with (stage, done, total).
 
     Raises:
-        PreparationError: the folder holds another mesh of that name.
+        PreparationError: the folder holds another mesh of that name, or the name is no folder's.
         PartError: the mesh has no edges.
-        InputFileError: a file cannot be written.
+        InputFileError: a file cannot be written, or another program is preparing a part of that name there.
     """
     options = options or PrepareOptions()
-    folder = None if out is None else out / part.name
+    if out is None:
+        return _prepare(part, options, None, progress)
+    folder = part_folder(out, part.name)
+    with only_writer(folder, "this part"):
+        return _prepare(part, options, folder, progress)
+
+
+def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress: Progress | None) -> PreparedPart:
     trains = options.generator in ("learned", "both")
     if folder is not None and not options.resume:
         for checkpoint in folder.glob(f"*{CHECKPOINT_SUFFIX}"):
@@ -103,11 +121,14 @@ def _stored(part: Part, folder: Path, options: PrepareOptions) -> PreparedPart |
     if not options.resume or not (folder / "part.json").exists():
         return None
     command = f"run: acp-lab prepare {part.path or 'MESH'} --out {folder.parent}"
-    if read_header(folder, command)["mesh"]["sha256"] != part.sha256:
+    header = read_header(folder, command)
+    if header["mesh"]["sha256"] != part.sha256:
         raise PreparationError(
             f"{folder}: holds a part prepared from another mesh of the same name; "
             "give --no-resume to prepare it anew, or rename the mesh"
         )
+    if header["version"] == UNSEALED_VERSION:
+        add_checksums(folder, header, FORMAT_VERSION)
     return replace(PreparedPart.load(folder, part.path), part=part)
 
 

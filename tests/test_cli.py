@@ -78,7 +78,7 @@ def test_ctrl_c_exits_130(capsys: pytest.CaptureFixture[str], monkeypatch: pytes
 
     monkeypatch.setattr("acp_lab.commands.demo.run_demo", interrupt)
     outcome = run(capsys, "demo")
-    assert (outcome.status, outcome.err) == (130, "")
+    assert (outcome.status, outcome.err) == (130, "note: interrupted\n")
 
 
 def test_system_errors_name_the_file(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from acp_lab.errors import InputFileError
-from acp_lab.files import replacing, write_changed, write_whole
+from acp_lab.files import remove_leftovers, replacing, write_changed, write_whole
 
 
 def names(folder: Path) -> list[str]:
@@ -92,3 +92,12 @@ def test_the_same_content_is_not_written_again(tmp_path: Path) -> None:
     write_changed(path, b"then")
     assert path.stat().st_mtime > 1.0
     assert path.read_bytes() == b"then"
+
+
+def test_leftovers_of_a_file_and_of_a_folder(tmp_path: Path) -> None:
+    for name in (".a.csv.1.tmp", ".a.csv.run.2.tmp", ".b.csv.1.tmp", "a.csv", "a.csv.tmp"):
+        (tmp_path / name).write_bytes(b"")
+    remove_leftovers(tmp_path / "a.csv")
+    assert names(tmp_path) == [".b.csv.1.tmp", "a.csv", "a.csv.tmp"]
+    remove_leftovers(tmp_path)
+    assert names(tmp_path) == ["a.csv", "a.csv.tmp"]

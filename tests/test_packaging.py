@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 PROJECT = Path(__file__).resolve().parents[1]
 CONFIG = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -23,6 +26,27 @@ def test_every_requirement_is_bounded() -> None:
     for requirement in requirements:
         assert ">=" in requirement, requirement
         assert "<" in requirement.partition(";")[0], requirement
+
+
+def test_the_locked_versions_are_within_their_ranges() -> None:
+    lines = (PROJECT / ".ci" / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    locked = dict(line.split("==") for line in lines if not line.startswith("#"))
+    extras = CONFIG["project"]["optional-dependencies"]
+    wanted = [Requirement(text) for text in CONFIG["project"]["dependencies"]]
+    wanted += [Requirement(text) for name in ("dev", "step", "recipes", "notebook") for text in extras[name]]
+    for requirement in wanted:
+        assert canonicalize_name(requirement.name) in locked, requirement
+        assert requirement.specifier.contains(locked[canonicalize_name(requirement.name)]), requirement
+
+
+def test_the_package_with_gpl_code_in_its_wheels_is_imported_in_two_places_only() -> None:
+    """environment.md says so, and that everything else works without it."""
+    importing = [
+        path.relative_to(PROJECT / "acp_lab").as_posix()
+        for path in sorted((PROJECT / "acp_lab").rglob("*.py"))
+        if re.search(r"^\s*(import av\b|from av\b)", path.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert importing == ["course/stand_ins.py", "display/replay/overlay_video.py"]
 
 
 def test_environment_md_explains_every_package() -> None:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.regression import RegressionConfig
-from acp_lab.errors import PartError, PreparationError
+from acp_lab.errors import InputFileError, PartError, PreparationError
 from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.templates import build_templates
@@ -79,8 +80,9 @@ def folder_bytes(folder: Path) -> dict[str, bytes]:
 
 
 def header(folder: Path) -> dict:  # type: ignore[type-arg]
-    """part.json without what differs from run to run: the seconds."""
+    """part.json without what differs from run to run: the seconds, and the checksum over them."""
     values: dict = json.loads((folder / "part.json").read_text())  # type: ignore[type-arg]
+    values.pop("checksum")
     makers = [*values["generators"].values(), values.get("control_points", {})]
     for region in [region for maker in makers for region in maker.get("regions", ())]:
         region.pop("train_s")
@@ -401,3 +403,57 @@ def test_templates_are_made_without_torch() -> None:
         [sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+# ---- one writer, and earlier versions --------------------------------------------------------------------------
+
+
+def test_a_part_without_checksums_gets_them_and_is_kept(tmp_path: Path) -> None:
+    prepare(bracket(), fast=True, regions=(0,), out=tmp_path)
+    folder = tmp_path / "bracket"
+    before = folder_bytes(folder)
+    values = json.loads((folder / "part.json").read_text())
+    (folder / "part.json").write_text(
+        json.dumps({key: value for key, value in values.items() if key not in ("files", "checksum")} | {"version": 1})
+    )
+    with pytest.raises(PreparationError, match=r"without checksums; run: acp-lab prepare MESH .*it adds them"):
+        PreparedPart.load(folder)
+    told = Told()
+    prepare(bracket(), fast=True, regions=(0,), out=tmp_path, progress=told)
+    assert told.stages == []
+    assert folder_bytes(folder) == before
+    assert PreparedPart.load(folder).generator_names == ("learned", "templates")
+
+
+def test_two_at_once_into_one_folder(tmp_path: Path) -> None:
+    """The second is refused while the first works, and nothing of the first is lost."""
+    errors = []
+
+    def second(stage: str, done: int, total: int) -> None:
+        if not errors:
+            with pytest.raises(InputFileError) as caught:
+                prepare(replace(box(), name="bracket"), generator="templates", out=tmp_path)
+            errors.append(str(caught.value))
+
+    model = prepare(bracket(), generator="templates", out=tmp_path, progress=second)  # type: ignore[arg-type]
+    assert errors == [
+        f"{tmp_path / 'bracket'}: another acp-lab is writing this part: wait until it is done, or choose another place"
+    ]
+    assert PreparedPart.load(tmp_path / "bracket").part.sha256 == model.part.sha256
+    with pytest.raises(PreparationError, match="another mesh of the same name"):
+        prepare(replace(box(), name="bracket"), generator="templates", out=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["bracket"]
+
+
+def test_what_a_killed_run_left_is_removed(tmp_path: Path) -> None:
+    prepare(bracket(), generator="templates", out=tmp_path)
+    left = tmp_path / "bracket" / ".templates.safetensors.4711.tmp"
+    left.write_bytes(b"half")
+    prepare(bracket(), generator="templates", out=tmp_path)
+    assert not left.exists()
+
+
+def test_a_name_that_leads_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PreparationError, match="cannot be named"):
+        prepare(replace(box(), name=".."), generator="templates", out=tmp_path / "parts")
+    assert list(tmp_path.iterdir()) == []

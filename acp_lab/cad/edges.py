@@ -125,19 +125,18 @@ def sample_edges(
     del mesh  # what it has worked out of a million faces is hundreds of MB
     spacing = _affordable(part, [vertex_pairs[crease], rim_vertices], spacing, spacing_mm is None, max_crease_samples)
 
+    # Normals and flags are looked up for the samples alone: for all edges they would be most of the memory.
     groups = []
     for chosen, limit in ((crease, None), (smooth, max_smooth_samples)):
         if chosen.any():
-            normals = face_normals[pairs[chosen]]
-            groups.append(
-                _sample_group(
-                    part.vertices, vertex_pairs[chosen], normals, crease[chosen], convex[chosen], spacing, limit
-                )
-            )
+            points, tangents, edge = _sample_group(part.vertices, vertex_pairs[chosen], spacing, limit)
+            row = np.flatnonzero(chosen)[edge]
+            groups.append((points, tangents, face_normals[pairs[row]], crease[row], convex[row]))
     if len(rim_vertices):
-        always = np.ones(len(rim_vertices), bool)
-        rim_normals = np.stack([face_normals[rim_faces], -face_normals[rim_faces]], 1)
-        groups.append(_sample_group(part.vertices, rim_vertices, rim_normals, always, always, spacing, None))
+        points, tangents, edge = _sample_group(part.vertices, rim_vertices, spacing, None)
+        outward = face_normals[rim_faces[edge]]
+        always = np.ones(len(edge), bool)
+        groups.append((points, tangents, np.stack([outward, -outward], 1), always, always))
     if groups and not crease.any() and len(rim_vertices) == 0:
         raise PartError(
             f"{part.path or part.name}: the mesh has no edges to track (no two faces meet at more than "
@@ -219,9 +218,7 @@ def _open_rims(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(mesh.edges_sorted)[lonely], np.asarray(mesh.edges_face)[lonely]
 
 
-def _affordable(
-    part: Part, edges: list[np.ndarray], spacing_mm: float, is_default: bool, most: int | None
-) -> float:
+def _affordable(part: Part, edges: list[np.ndarray], spacing_mm: float, is_default: bool, most: int | None) -> float:
     """The spacing (mm) at which edges, lists of vertex ids (k, 2), give no more than `most` samples; as told else."""
     if most is None:
         most = MOST_CREASE_SAMPLES if is_default else _MOST_AT_A_SPACING
@@ -244,37 +241,24 @@ def _lengths(vertices: np.ndarray, vertex_pairs: np.ndarray) -> np.ndarray:
 
 
 def _sample_group(
-    vertices: np.ndarray,
-    vertex_pairs: np.ndarray,
-    normals: np.ndarray,
-    crease: np.ndarray,
-    convex: np.ndarray,
-    spacing_mm: float,
-    limit: int | None,
-) -> tuple[np.ndarray, ...]:
-    """Samples at equal steps of length along all edges laid end to end.
+    vertices: np.ndarray, vertex_pairs: np.ndarray, spacing_mm: float, limit: int | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Samples at equal steps of length along all edges laid end to end: points, tangents, and the edge of each.
 
     Laying them end to end gives tiny edges of a finely tessellated hole their share of length, no more.
     """
     walk = _chain_order(vertex_pairs)
-    vertex_pairs, normals, crease, convex = vertex_pairs[walk], normals[walk], crease[walk], convex[walk]
-    start, end = vertices[vertex_pairs[:, 0]], vertices[vertex_pairs[:, 1]]
-    length = np.linalg.norm(end - start, axis=1)
+    length = _lengths(vertices, vertex_pairs)[walk]
     ends = np.cumsum(length)
     step = spacing_mm if limit is None else max(spacing_mm, ends[-1] / limit)
     at = np.arange(0.5 * step, ends[-1], step)
     if len(at) == 0:
         at = np.array([0.5 * ends[-1]])
-    edge = np.minimum(np.searchsorted(ends, at), len(length) - 1)
-    along = (at - (ends[edge] - length[edge])) / length[edge]
-    tangents = (end - start)[edge] / length[edge, None]
-    return (
-        start[edge] + along[:, None] * (end - start)[edge],
-        tangents,
-        normals[edge],
-        crease[edge],
-        convex[edge],
-    )
+    place = np.minimum(np.searchsorted(ends, at), len(length) - 1)
+    along = (at - (ends[place] - length[place])) / length[place]
+    edge = walk[place]
+    start, end = vertices[vertex_pairs[edge, 0]], vertices[vertex_pairs[edge, 1]]
+    return start + along[:, None] * (end - start), (end - start) / length[place, None], edge
 
 
 def _chain_order(vertex_pairs: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ here it becomes mm.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import io
 import logging
@@ -108,6 +109,9 @@ def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArra
         faces.append(np.array(getattr(body, "faces", []), dtype=np.int64).reshape(-1, 3) + count)
         vertices.append(points.reshape(-1, 3))
         count += len(points)
+    # trimesh's objects refer to each other in circles: of a million faces they would keep hundreds of MB for long.
+    del scene, bodies
+    gc.collect()
     return np.concatenate(vertices), np.concatenate(faces)
 
 

@@ -43,10 +43,9 @@ def run_demo(out: Path) -> None:
     )
     print(f"Tracking {len(scene.frame_ids)} frames ...", flush=True)
     picture = SummaryPicture(out / "summary.png", _spread(scene.frame_ids, SHOWN_FRAMES))
-    summaries = run_jobs(scene_jobs(options), options, extra=[picture])
+    summary = run_jobs(scene_jobs(options), options, extra=[picture])
     print(f"\nAccuracy on the sample, started from its first frame's truth:\n\n{evaluate(options.out, scene)}\n")
-    for summary in summaries:
-        print(summary)
+    print(summary)
     print(f"on one thread of {cpu_model()}\n")
     print(f"{options.out}: poses in the BOP format; results.run.json beside it tells how they came about")
     print(f"{options.replay}: the replay; look at it with acp-lab replay {options.replay}")

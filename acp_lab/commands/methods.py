@@ -10,11 +10,14 @@ if TYPE_CHECKING:
 
 
 def chosen_method(name: str, config_file: Path | None) -> Method:
-    """The method of a file if there is one, else the named one; InputFileError, TrackingError."""
+    """The method of a file if there is one, else the named one; InputFileError, ParameterError, TrackingError."""
     if config_file is not None:
+        from acp_lab.tracking.limits import check_limits
         from acp_lab.tracking.method_file import read_method
 
-        return read_method(config_file)
+        method = read_method(config_file)
+        check_limits(method, str(config_file))
+        return method
     from acp_lab.tracking.method import method_named
 
     return method_named(name)

@@ -14,9 +14,9 @@ from acp_lab.cad.models_info import read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.commands import interrupt
 from acp_lab.commands.console import Progress, warn
-from acp_lab.errors import AcpLabError, InputFileError, PreparationError
+from acp_lab.errors import InputFileError, PreparationError
 from acp_lab.preparation import prepare
-from acp_lab.prepared_part import PreparedPart, PrepareOptions
+from acp_lab.prepared_part import PreparedPart, PrepareOptions, part_folder, read_header
 
 
 def prepare_parts(
@@ -35,7 +35,7 @@ def prepare_parts(
     parts = [read_part(mesh, unit) for mesh in dict.fromkeys(meshes)]
     if options is None or options.resume:
         for part in parts:
-            _check_size_there(part, out / part.name)
+            _check_size_there(part, part_folder(out, part.name))
     for part in parts:
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
@@ -66,10 +66,14 @@ def _check_places(meshes: Sequence[Path], out: Path) -> None:
 def _check_size_there(part: Part, folder: Path) -> None:
     """The file's checksum is the same in every unit, so the sizes are compared."""
     try:
-        known = PreparedPart.load(folder).part.box_size
-    except AcpLabError:
+        header = read_header(folder, "")
+        if header["mesh"]["sha256"] != part.sha256:
+            return  # of another mesh: `prepare` says so
+        known = np.array(header["box_max_mm"], float) - np.array(header["box_min_mm"], float)
+        comparable = known.shape == (3,) and known.min() > 0.0
+    except (PreparationError, KeyError, TypeError, ValueError):
         return  # nothing there, or nothing to go on with
-    if not np.allclose(known, part.box_size, rtol=1e-6, atol=0.0) and known.min() > 0.0:
+    if comparable and not np.allclose(known, part.box_size, rtol=1e-6, atol=0.0):
         ratio = float((known / part.box_size).mean())
         raise PreparationError(
             f"{folder}: was prepared {ratio:.4g} times as large, from the same mesh in another unit: give that --unit, "

@@ -51,8 +51,10 @@ class TrackOptions:
     seed: int = 0
     replay: Path | None = None
     replay_iterations: Literal["off", "failures", "all"] = "off"
+    replay_max_mb: float | None = None
     threads: int = 1
     max_frames: int | None = None
+    resume: bool = False
 
     def __post_init__(self) -> None:
         if self.config is not None and self.method is not None:
@@ -65,6 +67,11 @@ class TrackOptions:
                 raise AcpLabError(f"{option} {value}: give a finite number")
         if self.noise_deg > 180.0:
             raise AcpLabError(f"--init-noise-deg {self.noise_deg:g}: give at most 180 degrees")
+        if self.replay_max_mb is not None:
+            if self.replay is None:
+                raise AcpLabError(f"--replay-max-mb {self.replay_max_mb:g}: only goes with --replay: leave it out")
+            if not math.isfinite(self.replay_max_mb):
+                raise AcpLabError(f"--replay-max-mb {self.replay_max_mb}: give a finite number")
         if self.dataset is not None and self.video is not None:
             raise AcpLabError(f"--video {self.video}: track a data set or a video, not both")
         if self.dataset is None and self.video is None:
@@ -107,6 +114,10 @@ class TrackOptions:
         written = {self.out.resolve(), run_info_path(self.out).resolve()}
         if self.replay is not None and self.replay.resolve() in written:
             raise InputFileError(f"{self.replay}: --replay and --out are the same file: choose two")
+        if self.resume and self.replay is not None and self.replay.exists():
+            raise InputFileError(
+                f"{self.replay}: holds the frames before, and --resume would replace it: give --replay another name"
+            )
         check_replaces_own(self.out, HEADER_START, "--out", "results")
         check_replaces_own(run_info_path(self.out), b"{", "--out", "run information")
         if self.replay is not None:
@@ -149,12 +160,12 @@ class PartShelf:
 
     def part(self, mesh: Path) -> PreparedPart:
         """The prepared part of a mesh; PreparationError, naming the command to run, when there is none."""
-        from acp_lab.prepared_part import PreparedPart
+        from acp_lab.prepared_part import PreparedPart, part_folder
 
         if mesh not in self._loaded:
             if not mesh.is_file():
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
-            self._loaded[mesh] = PreparedPart.load(self.folder / mesh.stem, mesh)
+            self._loaded[mesh] = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
         return self._loaded[mesh]
 
 

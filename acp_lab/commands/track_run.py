@@ -7,31 +7,45 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
+from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.rest import RestOfSequence
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
-from acp_lab.tracking.result import NOT_PREPARED, TrackResult
+from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.results_file import ResultsFile
-from acp_lab.tracking.session import track_sequence
+from acp_lab.tracking.session import follow_sequence
 from acp_lab.tracking.tracker import Tracker
+
+if TYPE_CHECKING:
+    from acp_lab.display.replay.recorder import Replay
 
 
 class ResultsObserver(ResultsFile):
-    """One file for all scenes; `info`, which goes on filling, becomes results.run.json, then and again by `finish`."""
+    """One file for all scenes; `info`, which goes on filling, becomes results.run.json, then and again by `finish`.
 
-    def __init__(self, path: Path, info: dict[str, Any]) -> None:
-        super().__init__(path, info)
+    go_on: the rows that stay; those of its image are not written again.
+    """
+
+    def __init__(self, path: Path, info: dict[str, Any], go_on: Resumption | None = None) -> None:
+        super().__init__(path, info, go_on.keep_bytes if go_on else 0)
         self._info = info
+        self._stands = (go_on.scene_id, go_on.im_id) if go_on else None
+
+    def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        """Write the frame's rows, unless they stand there."""
+        super().on_frame(frame, {} if (self._scene_id, frame.index) == self._stands else results)
 
     def on_end(self) -> None:
         """Stay open for the next scene."""
@@ -81,6 +95,8 @@ class ObjectSummary:
     times_s: list[float] = field(default_factory=list)
     qualities: list[float] = field(default_factory=list)
     states: Counter[str] = field(default_factory=Counter)
+    unreadable: int = 0
+    first_lost: int | None = None
 
     @property
     def time_s_median(self) -> float:
@@ -90,11 +106,26 @@ class ObjectSummary:
     def __str__(self) -> str:
         frames = f"{sum(self.states.values())} frames{self.size}"
         states = ", ".join(f"{count} {state}" for state, count in self.states.most_common())
+        if self.first_lost is not None:
+            states += f"; first lost in image {self.first_lost}"
+        if self.unreadable:
+            states += f"; {self.unreadable} not readable"
         quality = f"{median(self.qualities):.2f}" if self.qualities else "-"
         return (
             f"scene {self.scene_id}, object {self.object_id} ({self.part}): {frames} ({states}), "
             f"quality {quality}, {1e3 * self.time_s_median:.1f} ms per frame (medians)"
         )
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What came of a run; prints as a line per object. replay_lacks: what was left out of the replay, in words."""
+
+    objects: tuple[ObjectSummary, ...] = ()
+    replay_lacks: str = ""
+
+    def __str__(self) -> str:
+        return "\n".join(str(of_object) for of_object in self.objects)
 
 
 class SummaryObserver:
@@ -113,6 +144,9 @@ class SummaryObserver:
         for object_id, result in results.items():
             summary = self.objects[object_id]
             summary.states[str(result.state)] += 1
+            if result.state is TrackState.LOST and summary.first_lost is None:
+                summary.first_lost = frame.index
+            summary.unreadable += isinstance(frame, UnreadableFrame)
             if isinstance(frame, Frame):
                 summary.size = f" of {frame.camera.width} x {frame.camera.height}"
                 summary.times_s.append(result.timings.total_s)
@@ -125,16 +159,16 @@ class SummaryObserver:
 def track_parts(options: TrackOptions) -> None:
     """Track, write the results and print what came of it."""
     interrupt.check()
-    for summary in run_jobs(scene_jobs(options), options):
+    summary = run_jobs(scene_jobs(options), options)
+    if summary.objects:
         print(summary)
     print(f"{options.out}: written")
-    if options.replay is not None:
-        print(f"{options.replay}: written; acp-lab replay {options.replay} shows it")
+    if options.replay is not None and summary.objects:
+        lacks = f" ({summary.replay_lacks})" if summary.replay_lacks else ""
+        print(f"{options.replay}: written{lacks}; acp-lab replay {options.replay} shows it")
 
 
-def run_jobs(
-    jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()
-) -> tuple[ObjectSummary, ...]:
+def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()) -> RunSummary:
     """Track all scenes one after the other; what was seen, per scene and object.
 
     Writes options.out, results.run.json beside it, and options.replay. extra: observers of every scene.
@@ -144,37 +178,58 @@ def run_jobs(
     # Before files are replaced: a part may lack the generator that the method needs.
     generators = {name: Tracker(model, method).generator_name for name, model in parts.items()}
     info = _run_info(parts, generators, method, options)
-    replays = [] if options.replay is None else [_replay(options, len(jobs))]
-    summaries: list[ObjectSummary] = []
+    info["inputs"] = inputs_of(jobs, options.parts, info["configuration"])
+    go_on = resumption(options.out, jobs, info["inputs"], options.max_frames) if options.resume else None
+    if go_on is not None:
+        jobs = [rest for job in jobs if (rest := go_on.rest_of(job)) is not None]
+        info["resumed_after"] = {"scene_id": go_on.scene_id, "im_id": go_on.im_id}
+        console.note(go_on.told(bool(jobs)))
+        if not jobs:
+            return RunSummary()
     console.note(_generators_in_use(generators))
-    results = ResultsObserver(options.out, info)
+    results = ResultsObserver(options.out, info, go_on)
+    replay = None if options.replay is None else _replay(options, options.replay, jobs)
+    listening: tuple[Observer, ...] = (results, *extra) if replay is None else (results, replay, *extra)
     start = time.perf_counter()
-    try:
-        for job in jobs:
-            seen = SummaryObserver()
-            count = len(job.sequence.frame_ids)
-            reporter = Reporter(min(count, options.max_frames or count))
-            track_sequence(
-                {object_id: Tracker(model, method) for object_id, model in job.models.items()},
-                job.sequence,
-                job.starts,
-                observers=(results, seen, reporter, *replays, *extra),
-                max_frames=options.max_frames,
-            )
-            summaries += seen.objects.values()
-        info["complete"] = True
-    finally:
-        info["wall_s"] = time.perf_counter() - start
-        info["peak_memory_mb"] = machine.peak_memory_mb()
-        results.finish()
-    return tuple(summaries)
+    with ExitStack() as at_the_end:
+        if replay is not None:
+            at_the_end.callback(replay.close)  # last: when it fails, the results are complete
+        try:
+            summaries = [summary for job in jobs for summary in _follow(job, method, options, listening)]
+            info["complete"] = True
+        finally:
+            info["wall_s"] = time.perf_counter() - start
+            info["peak_memory_mb"] = machine.peak_memory_mb()
+            results.finish()
+    return RunSummary(tuple(summaries), "" if replay is None else replay.lacks)
 
 
-def _replay(options: TrackOptions, sessions: int) -> Observer:
+def _follow(
+    job: SceneJob, method: Method, options: TrackOptions, listening: Sequence[Observer]
+) -> tuple[ObjectSummary, ...]:
+    """Track one scene."""
+    most = options.max_frames
+    if most is not None and isinstance(job.sequence, RestOfSequence):
+        most -= job.sequence.skipped
+    count = len(job.sequence.frame_ids)
+    seen, reporter = SummaryObserver(), Reporter(min(count, most or count))
+    follow_sequence(
+        {object_id: Tracker(model, method) for object_id, model in job.models.items()},
+        job.sequence,
+        job.starts,
+        observers=(listening[0], seen, reporter, *listening[1:]),
+        max_frames=most,
+    )
+    return tuple(seen.objects.values())
+
+
+def _replay(options: TrackOptions, path: Path, jobs: Sequence[SceneJob]) -> Replay:
     from acp_lab.display.replay.recorder import Replay
 
-    assert options.replay is not None
-    return Replay(options.replay, sessions, options.replay_iterations)
+    most_mb = float("inf") if options.replay_max_mb is None else options.replay_max_mb
+    counts = [min(len(job.sequence.frame_ids), options.max_frames or sys.maxsize) for job in jobs]
+    # One session more than there are: it is closed when the results are.
+    return Replay(path, len(jobs) + 1, options.replay_iterations, most_mb, sum(counts) if all(counts) else 0)
 
 
 def _generators_in_use(generators: Mapping[str, str]) -> str:

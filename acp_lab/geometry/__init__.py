@@ -15,6 +15,7 @@ from acp_lab.geometry.homography import (
 )
 from acp_lab.geometry.planar_pnp import PlanarPnP, solve_planar_pnp
 from acp_lab.geometry.pose import (
+    check_pose,
     check_rotation,
     disturb_pose,
     interpolate,
@@ -36,6 +37,7 @@ __all__ = [
     "PlanarPnP",
     "Undistorter",
     "apply_homography",
+    "check_pose",
     "check_quad",
     "check_rotation",
     "disturb_pose",

@@ -147,6 +147,16 @@ def check_rotation(matrix: FloatArray, where: str) -> FloatArray:
     return nearest
 
 
+def check_pose(matrix: FloatArray, where: str) -> None:
+    """GeometryError when a matrix is no pose (4, 4): see `check_rotation`; or its numbers are not finite."""
+    pose = np.asarray(matrix, dtype=np.float64)
+    if pose.shape != (4, 4) or not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)):
+        raise GeometryError(f"{where}: no pose of shape (4, 4) that ends in 0 0 0 1: make one with make_pose")
+    check_rotation(pose[:3, :3], where)
+    if not np.isfinite(pose).all():
+        raise GeometryError(f"{where}: the translation is not finite: give three numbers in mm")
+
+
 def disturb_pose(
     cam_T_obj: FloatArray, centre_obj: FloatArray, angle_deg: float, shift_mm: float, rng: np.random.Generator
 ) -> FloatArray:

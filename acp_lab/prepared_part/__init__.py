@@ -8,12 +8,13 @@
                       control_points_0.safetensors  regressed W per view region      (generator autoencoder)
                       autoencoder_0.safetensors ... decoder and latent regressors    (generator autoencoder)
 
-Files are written whole or not at all; part.json comes last and names what is complete.
+Files are written whole or not at all; part.json comes last, names what is complete and holds the checksums of all.
 """
 
 from __future__ import annotations
 
-from acp_lab.prepared_part.header import FORMAT_VERSION, read_header
+from acp_lab.prepared_part.header import FORMAT_VERSION, UNSEALED_VERSION, part_folder, read_header
+from acp_lab.prepared_part.integrity import add_checksums
 from acp_lab.prepared_part.model import DEFAULT_EDGE_BREAK_MM, PreparedPart
 from acp_lab.prepared_part.options import GENERATORS, PrepareOptions
 from acp_lab.prepared_part.trained import RegionReport, Trained
@@ -22,9 +23,12 @@ __all__ = [
     "DEFAULT_EDGE_BREAK_MM",
     "FORMAT_VERSION",
     "GENERATORS",
+    "UNSEALED_VERSION",
     "PrepareOptions",
     "PreparedPart",
     "RegionReport",
     "Trained",
+    "add_checksums",
+    "part_folder",
     "read_header",
 ]

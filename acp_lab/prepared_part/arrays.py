@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from safetensors.numpy import load_file
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
@@ -17,6 +16,7 @@ from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.prepared_part.header import symmetries_of
+from acp_lab.prepared_part.integrity import read_arrays
 from acp_lab.prepared_part.trained import RegionReport, RegressionValues, Trained
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def arrays_by_file(model: PreparedPart) -> dict[str, Mapping[str, np.ndarray]]:
 
 def load_part(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -> Part:
     """The CAD model; `mesh_path`: the file that it was prepared from, if known."""
-    mesh = load_file(folder / "mesh.safetensors")
+    mesh = read_arrays(folder, header, "mesh")
     return Part(
         name=header["name"],
         path=mesh_path,
@@ -69,9 +69,9 @@ def load_part(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -
     )
 
 
-def load_edges(folder: Path) -> EdgeSamples:
+def load_edges(folder: Path, header: Mapping[str, Any]) -> EdgeSamples:
     """The 3D edge samples."""
-    samples = load_file(folder / "edges.safetensors")
+    samples = read_arrays(folder, header, "edges")
     return EdgeSamples(
         samples["points_obj"],
         samples["tangents_obj"],
@@ -86,7 +86,7 @@ def load_templates(folder: Path, header: Mapping[str, Any], part: Part, edges: E
     """The view templates, if there are any."""
     if "templates" not in header["generators"]:
         return None
-    stored = load_file(folder / "templates.safetensors")
+    stored = read_arrays(folder, header, "templates")
     if stored["packed"].shape != (len(stored["views_obj"]), (len(edges) + 7) // 8):
         raise ValueError(f"templates of shape {stored['packed'].shape} for {len(edges)} edge samples")
     return TemplateGenerator(edges, part.box_centre, stored["views_obj"], stored["packed"])
@@ -96,7 +96,7 @@ def load_networks(folder: Path, header: Mapping[str, Any], edges: EdgeSamples) -
     """The visibility networks."""
 
     def network(region: int) -> RegionNetwork:
-        stored = load_file(folder / f"visibility_{region}.safetensors")
+        stored = read_arrays(folder, header, f"visibility_{region}")
         network = RegionNetwork(**{**stored, "weight3": stored["weight3"].astype(np.float32)})
         if len(network.rows) and network.rows.max() >= len(edges):
             raise ValueError(f"the network of region {region} knows more edge samples than there are")
@@ -110,7 +110,7 @@ def load_regressed_points(folder: Path, header: Mapping[str, Any]) -> Trained[Fl
     """The regressed control points W, (4, 3) mm each."""
 
     def points(region: int) -> FloatArray:
-        points: FloatArray = load_file(folder / f"control_points_{region}.safetensors")["points_obj"]
+        points: FloatArray = read_arrays(folder, header, f"control_points_{region}")["points_obj"]
         if points.shape != (4, 3):
             raise ValueError(f"control points of shape {points.shape}")
         return points
@@ -123,7 +123,7 @@ def load_autoencoders(folder: Path, header: Mapping[str, Any]) -> Trained[Region
     """The paper's edge image generators."""
 
     def autoencoder(region: int) -> RegionAutoencoder:
-        return RegionAutoencoder.from_arrays(load_file(folder / f"autoencoder_{region}.safetensors"))
+        return RegionAutoencoder.from_arrays(read_arrays(folder, header, f"autoencoder_{region}"))
 
     painted = header["generators"].get("autoencoder", {})
     return _trained(painted, "training", AutoencoderReport.from_json, autoencoder)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -12,12 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from acp_lab.cad.models_info import Symmetries
-from acp_lab.errors import PreparationError
+from acp_lab.errors import InputFileError, PreparationError
+from acp_lab.input_file import read_bytes, read_json_object
+from acp_lab.prepared_part.integrity import changes, checksum
 
 if TYPE_CHECKING:
     from acp_lab.prepared_part.model import PreparedPart
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+UNSEALED_VERSION = 1
+"""Of parts without checksums; `prepare` adds them, nothing else reads such parts."""
+
+
+def part_folder(parts: Path, name: str) -> Path:
+    """Where a part of that name is stored among `parts`; PreparationError for a name that would be elsewhere."""
+    if not name or name.startswith(".") or not name.isprintable() or Path(name).name != name or "\\" in name:
+        raise PreparationError(f"a part cannot be named {name!r}, which is no plain folder name: rename its mesh file")
+    return parts / name
 
 
 def header_of(model: PreparedPart) -> dict[str, Any]:
@@ -77,22 +86,26 @@ def _generators(model: PreparedPart) -> dict[str, Any]:
 
 
 def read_header(folder: Path, fix: str) -> dict[str, Any]:
-    """part.json of a folder; PreparationError, ending in `fix`, when there is none or it is no prepared part."""
+    """part.json of a folder; PreparationError, ending in `fix`, when there is none or it is no prepared part.
+
+    It may be of a part without checksums; its own is not checked.
+    """
     path = folder / "part.json"
+    if not path.exists():
+        raise PreparationError(f"{folder}: this part is not prepared; {fix}")
     try:
-        header = json.loads(path.read_text(encoding="utf-8"))
+        header = read_json_object(path, fix)
         known = header["format"] == "acp_lab.part"
         version = header["version"]
         header["mesh"]["sha256"]
-    except FileNotFoundError:
-        raise PreparationError(f"{folder}: this part is not prepared; {fix}") from None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputFileError, KeyError, TypeError):
         raise PreparationError(f"{path}: cannot be read as a prepared part; {fix} --no-resume") from None
-    if not known or version != FORMAT_VERSION:
+    if not known or version not in (UNSEALED_VERSION, FORMAT_VERSION):
         raise PreparationError(
-            f"{path}: has format version {version}, this program reads version {FORMAT_VERSION}; {fix} --no-resume"
+            f"{path}: has format version {str(version)[:20]}, this program reads version {FORMAT_VERSION}; "
+            f"{fix} --no-resume"
         )
-    return dict(header)
+    return header
 
 
 def symmetries_of(header: Mapping[str, Any]) -> Symmetries:
@@ -104,23 +117,25 @@ def symmetries_of(header: Mapping[str, Any]) -> Symmetries:
     )
 
 
-def withdraw_header(folder: Path, sha256: str) -> None:
-    """Remove the part.json of another mesh: until it is written anew, the files beside it belong to both."""
-    path = folder / "part.json"
+def withdraw_header(folder: Path, sha256: str, contents: Mapping[str, bytes]) -> None:
+    """Remove the part.json of another mesh, or of files that are about to change: until it is written anew, it and
+    the files beside it do not belong together. contents: of the files to write, by name.
+    """
     try:
-        known = json.loads(path.read_text(encoding="utf-8"))["mesh"]["sha256"]
-    except (OSError, ValueError, KeyError, TypeError):
-        known = None
-    if known != sha256:
-        path.unlink(missing_ok=True)
+        known = read_header(folder, "")
+    except PreparationError:
+        known = {}
+    if not known or known["mesh"]["sha256"] != sha256 or changes(known, contents):
+        (folder / "part.json").unlink(missing_ok=True)
 
 
 def sha256_of(mesh: Path, fix: str) -> str:
     """The hash of a mesh file; PreparationError, ending in `fix`, when it cannot be read."""
     try:
-        return hashlib.sha256(mesh.read_bytes()).hexdigest()
-    except OSError as error:
-        raise PreparationError(f"{mesh}: the mesh cannot be read ({error.strerror}); {fix}") from None
+        return checksum(read_bytes(mesh))
+    except InputFileError as error:
+        reason = str(error).removeprefix(f"{mesh}: ")
+        raise PreparationError(f"{mesh}: the mesh cannot be read ({reason}); {fix}") from None
 
 
 def _mean(values: Iterable[float]) -> float:

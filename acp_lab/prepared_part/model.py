@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.errors import PreparationError
+from acp_lab.errors import AcpLabError, PreparationError
 from acp_lab.files import write_changed
 from acp_lab.generator.base import RigidGenerator
 from acp_lab.generator.painted.config import AutoencoderReport
@@ -24,7 +23,8 @@ from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.prepared_part import arrays
-from acp_lab.prepared_part.header import header_of, read_header, sha256_of, withdraw_header
+from acp_lab.prepared_part.header import UNSEALED_VERSION, header_of, read_header, sha256_of, withdraw_header
+from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, write_header
 from acp_lab.prepared_part.options import PrepareOptions
 from acp_lab.prepared_part.trained import RegionReport, RegressionValues, Trained
 
@@ -124,12 +124,15 @@ class PreparedPart:
         Raises:
             InputFileError: a file cannot be written.
         """
-        withdraw_header(folder, self.part.sha256)
-        for name, values in arrays.arrays_by_file(self).items():
-            # Not save_file: it makes files that only their owner may read, and parts are shared.
-            content = serialise({key: np.ascontiguousarray(value) for key, value in values.items()})
-            write_changed(folder / f"{name}.safetensors", content)
-        write_changed(folder / "part.json", (json.dumps(header_of(self), indent=2) + "\n").encode())
+        # Not save_file: it makes files that only their owner may read, and parts are shared.
+        contents = {
+            name + SUFFIX: serialise({key: np.ascontiguousarray(value) for key, value in values.items()})
+            for name, values in arrays.arrays_by_file(self).items()
+        }
+        withdraw_header(folder, self.part.sha256, contents)
+        for name, content in contents.items():
+            write_changed(folder / name, content)
+        write_header(folder, header_of(self), contents)
 
     @classmethod
     def load(cls, folder: str | Path, mesh: str | Path | None = None) -> PreparedPart:
@@ -139,7 +142,7 @@ class PreparedPart:
             mesh: the mesh file that it must have been prepared from, checked by SHA-256.
 
         Raises:
-            PreparationError: missing, incomplete, of another version, or prepared from another mesh.
+            PreparationError: missing, incomplete, changed, of another version, or prepared from another mesh.
         """
         folder, mesh = Path(folder), None if mesh is None else Path(mesh)
         again = f"run: acp-lab prepare {mesh or 'MESH'} --out {folder.parent}"
@@ -148,8 +151,13 @@ class PreparedPart:
             raise PreparationError(
                 f"{folder / 'part.json'}: prepared from another mesh than {mesh}; {again} --no-resume"
             )
+        if header["version"] == UNSEALED_VERSION:
+            raise PreparationError(
+                f"{folder / 'part.json'}: is of an earlier version, without checksums; {again} (it adds them)"
+            )
         try:
-            part, edges = arrays.load_part(folder, header, mesh), arrays.load_edges(folder)
+            check_sealed(header)
+            part, edges = arrays.load_part(folder, header, mesh), arrays.load_edges(folder, header)
             return cls(
                 part,
                 edges,
@@ -168,7 +176,7 @@ class PreparedPart:
         except (
             OSError,
             SafetensorError,
-            PreparationError,
+            AcpLabError,
             KeyError,
             TypeError,
             ValueError,

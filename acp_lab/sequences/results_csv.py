@@ -12,7 +12,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -21,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError, SequenceError, TrackingError
+from acp_lab.files import remove_leftovers
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
-from acp_lab.input_file import LARGEST_NUMBER, check_regular
+from acp_lab.input_file import LARGEST_NUMBER, check_regular, read_bytes
+from acp_lab.locks import only_writer
 from acp_lab.sequences.json_file import shown, write_json
 
 HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
@@ -50,29 +52,33 @@ class ResultsWriter:
     """Writes a results file row by row, so that an interrupted run leaves what it had.
 
     `with ResultsWriter("results.csv", run_info) as results: results.append(row)`. Both files are replaced
-    when the writer is made: the CSV by its header alone, `results.run.json` beside it by run_info (any
-    mapping that JSON can hold: configuration, versions, machine). Folders on the way are made.
-    Raises InputFileError when a file cannot be written.
+    when the writer is made: the CSV by its header alone, or by its first `keep_bytes` to go on behind them;
+    `results.run.json` beside it by run_info (any mapping that JSON can hold: configuration, versions, machine).
+    Folders on the way are made. Until it is closed, no other writer may have the file.
+    Raises InputFileError when a file cannot be written, or another program is writing it.
     """
 
-    def __init__(self, path: str | Path, run_info: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, path: str | Path, run_info: Mapping[str, Any] | None = None, keep_bytes: int = 0) -> None:
         self.path = Path(path)
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self.path.open("w", encoding="utf-8", newline="\n")
-        except OSError as error:
-            raise self._failure(error) from None
-        try:
-            self._write(",".join(HEADER))
+        with ExitStack() as on_failure:
+            on_failure.enter_context(only_writer(self.path, "these results"))
+            remove_leftovers(run_info_path(self.path))
+            try:
+                self._file = self.path.open("r+b" if keep_bytes else "wb", buffering=0)
+                on_failure.callback(self._file.close)
+                self._file.truncate(keep_bytes)
+                self._whole_bytes = self._file.seek(keep_bytes)
+            except OSError as error:
+                raise self._failure(error) from None
+            if not keep_bytes:
+                self._write(",".join(HEADER))
             if run_info is None:
                 # Of an older run; it would describe rows that are gone.
                 with suppress(FileNotFoundError):
                     run_info_path(self.path).unlink()
             else:
                 self.write_run_info(run_info)
-        except BaseException:
-            self._file.close()
-            raise
+            self._at_the_end = on_failure.pop_all()
 
     def append(self, row: ResultRow) -> None:
         """Write one row and hand it to the operating system; TrackingError for numbers that are no result."""
@@ -92,8 +98,8 @@ class ResultsWriter:
         write_json(run_info_path(self.path), run_info)
 
     def close(self) -> None:
-        """Close the file; a second call does nothing."""
-        self._file.close()
+        """Close the file and let others write it; a second call does nothing."""
+        self._at_the_end.close()
 
     def __enter__(self) -> ResultsWriter:
         return self
@@ -104,10 +110,14 @@ class ResultsWriter:
         self.close()
 
     def _write(self, line: str) -> None:
+        left = memoryview(line.encode() + b"\n")
         try:
-            self._file.write(line + "\n")
-            self._file.flush()
+            while left:
+                left = left[self._file.write(left) :]
+            self._whole_bytes = self._file.tell()
         except OSError as error:
+            with suppress(OSError):
+                self._file.truncate(self._whole_bytes)  # no half line, where the disk was full
             raise self._failure(error) from None
 
     def _failure(self, error: OSError) -> InputFileError:
@@ -137,6 +147,25 @@ def read_results(path: str | Path) -> tuple[ResultRow, ...]:
     except (UnicodeDecodeError, csv.Error) as error:
         reason = str(error).splitlines()[0]
         raise InputFileError(f"{path}: no CSV text ({reason}): give {','.join(HEADER)}") from None
+
+
+def rows_with_ends(path: Path) -> tuple[tuple[ResultRow, int], ...]:
+    """The rows of a file that `ResultsWriter` wrote, perhaps cut off, each with the bytes of the file up to its end.
+
+    A last line without its end is left out. Raises InputFileError as `read_results`.
+    """
+    content = read_bytes(path, "check the path, or run acp-lab track", "results file")
+    content = content[: content.rfind(b"\n") + 1]
+    rows: list[tuple[ResultRow, int]] = []
+    end = 0
+    for number, line in enumerate(content.splitlines(keepends=True), 1):
+        end += len(line)
+        text = line.decode("utf-8", errors="replace").strip()
+        if number > 1:
+            rows.append((_row(next(csv.reader([text]), []), f"{path}: line {number}"), end))
+        elif text != ",".join(HEADER):
+            raise InputFileError(f"{path}: line 1 is {shown(text)}: it must be {','.join(HEADER)}")
+    return tuple(rows)
 
 
 def start_poses(path: str | Path, scene_id: int, frame_id: int) -> dict[int, FloatArray]:

@@ -110,7 +110,34 @@ def track_sequence(
     max_frames: int | None = None,
     method: str | None = None,
 ) -> TrackRun:
-    """Track objects through a sequence; the first frame is tracked from the start poses and has results too.
+    """Track objects through a sequence, and keep all results: tens of kilobytes per frame and object.
+
+    Arguments and errors as in `follow_sequence`.
+    """
+    keeper = _Keeper(trackers)
+    info = follow_sequence(trackers, sequence, starts, (keeper, *observers), max_frames, method)
+    return TrackRun(
+        sequence.name,
+        sequence.scene_id,
+        info.method,
+        {object_id: tuple(of_object) for object_id, of_object in keeper.results.items()},
+        sequence,
+        info,
+        {object_id: starts[object_id] for object_id in trackers},
+    )
+
+
+def follow_sequence(
+    trackers: Mapping[int, PartTracker],
+    sequence: Sequence,
+    starts: Mapping[int, FloatArray],
+    observers: Iterable[Observer] = (),
+    max_frames: int | None = None,
+    method: str | None = None,
+) -> SessionInfo:
+    """Track objects through a sequence; observers get the results, nothing is kept, however long it takes.
+
+    The first frame is tracked from the start poses and has results too.
 
     Args:
         trackers: by object id.
@@ -122,45 +149,53 @@ def track_sequence(
         TrackingError: a part is not seen at its start pose.
     """
     listening = tuple(observers)
-    results: dict[int, list[TrackResult]] = {object_id: [] for object_id in trackers}
     without = sorted(set(trackers) - set(starts))
     if without:
         raise SequenceError(f"{sequence.name}: no start pose for object {without[0]}; give one for each tracker")
     method = next((tracker.name for tracker in trackers.values()), "none") if method is None else method
     info = _session_info(trackers, sequence, max_frames, method)
+    number = -1
     with ExitStack() as at_the_end:
         # Also after Ctrl-C, and each whatever the others do: files are closed and keep what was tracked.
         for observer in reversed(listening):
             at_the_end.callback(observer.on_end)
         for observer in listening:
             observer.on_start(info)
-        keeps_target = {object_id: tracker.records_target for object_id, tracker in trackers.items()}
         for tracker in trackers.values():
             _record_for(listening, tracker, at_the_end)
         for number, frame in enumerate(sequence.frames(max_frames)):
-            of_frame: dict[int, TrackResult] = {}
-            for object_id, tracker in trackers.items():
-                if number > 0:
-                    of_frame[object_id] = tracker.track(frame)
-                elif isinstance(frame, UnreadableFrame):
-                    raise SequenceError(f"{frame.reason}: the first frame must be readable, tracking starts there")
-                else:
-                    of_frame[object_id] = tracker.start(frame, starts[object_id])
-                kept = of_frame[object_id]
-                results[object_id].append(kept if keeps_target[object_id] else replace(kept, target=None))
+            if number == 0 and isinstance(frame, UnreadableFrame):
+                raise SequenceError(f"{frame.reason}: the first frame must be readable, tracking starts there")
+            of_frame = {
+                object_id: tracker.start(frame, starts[object_id])
+                if number == 0 and isinstance(frame, Frame)
+                else tracker.track(frame)
+                for object_id, tracker in trackers.items()
+            }
             for observer in listening:
                 observer.on_frame(frame, of_frame)
-    if not any(results.values()):
+    if number < 0 or not trackers:
         raise SequenceError(f"{sequence.name}: there is no frame to track")
-    return TrackRun(
-        sequence.name,
-        sequence.scene_id,
-        method,
-        {object_id: tuple(of_object) for object_id, of_object in results.items()},
-        sequence,
-        info,
-        {object_id: starts[object_id] for object_id in trackers},
-    )
+    return info
+
+
+class _Keeper:
+    """Keeps all results; target views only of trackers that record them without being asked by observers."""
+
+    def __init__(self, trackers: Mapping[int, PartTracker]) -> None:
+        self.results: dict[int, list[TrackResult]] = {object_id: [] for object_id in trackers}
+        self._keeps_target = {object_id: tracker.records_target for object_id, tracker in trackers.items()}
+
+    def on_start(self, session: SessionInfo) -> None:
+        pass
+
+    def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        for object_id, result in results.items():
+            kept = result if self._keeps_target[object_id] else replace(result, target=None)
+            self.results[object_id].append(kept)
+
+    def on_end(self) -> None:
+        pass
 
 
 def _session_info(

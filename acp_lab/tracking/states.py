@@ -37,8 +37,13 @@ class StateMachine:
         """While lost: in the 1st, 2nd, 4th, 8th ... lost frame; a wide search takes as long as many frames."""
         return self._lost > 0 and self._lost & (self._lost - 1) == 0
 
+    def begin(self, quality: float) -> str:
+        """Take in the first frame's quality: nothing spoke for the part before, so no patience; as `update`."""
+        self._low = self.config.patience - 1
+        return self.update(quality)
+
     def update(self, quality: float) -> str:
-        """Take in a frame's quality; returns the reason when the state changed, else an empty string."""
+        """Take in a frame's quality, 0 where nothing was seen; the reason when the state changed, else empty."""
         config, before = self.config, self.state
         self._low = self._low + 1 if quality < config.lost_below else 0
         if self._low >= config.patience:

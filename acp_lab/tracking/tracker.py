@@ -15,7 +15,7 @@ from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.errors import PreparationError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
@@ -98,10 +98,12 @@ class Tracker:
         """Begin at a pose (4, 4) in the first frame.
 
         Raises:
+            GeometryError: it is no pose: mirrored, scaled, not finite.
             TrackingError: the part at that pose is behind the camera, outside the image or shows too few edges.
             PreparationError: it is seen from a view region that the method's generator was not trained for.
         """
         begin_s, clock = time.perf_counter(), Stopwatch()
+        check_pose(cam_T_obj, f"{self.part.name}: the start pose")
         self._forget()
         self.solver.records_steps = self.records_steps
         pose = np.array(cam_T_obj, np.float64)
@@ -126,7 +128,8 @@ class Tracker:
             # Again, with what the first frame taught.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
             self._mean_score = (again or solution).score
-        return self._result(frame, pose, solution, clock, begin_s, "")
+        note = self._states.begin(solution.quality)
+        return self._result(frame, pose, solution, clock, begin_s, note)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
         """The pose in the next frame; an unreadable frame gets the predicted pose and quality 0.
@@ -141,7 +144,9 @@ class Tracker:
         if isinstance(frame, UnreadableFrame):
             predicted = self.predicted
             self._predictor.coast()
-            return self._blind(frame, predicted, predicted, clock, begin_s, frame.reason)
+            changed = self._states.update(0.0)
+            note = f"{frame.reason}; {changed}" if changed else frame.reason
+            return self._blind(frame, predicted, predicted, clock, begin_s, note)
         self._sight(frame, clock)
         predicted = self.predicted
         solution = self._recover(frame, predicted, self._solve(frame, predicted, clock), clock)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
@@ -325,3 +327,15 @@ def test_a_hub_of_very_many_edges_is_walked_in_time() -> None:
     count = 200_000
     order = module._chain_order(np.column_stack([np.arange(1, count + 1), np.zeros(count, int)]))
     np.testing.assert_array_equal(order, np.arange(count))
+
+
+def test_memory_is_a_few_numbers_per_face() -> None:
+    """A million loose triangles, three million edges, then fit below a gigabyte."""
+    part = loose_triangles(20_000)
+    tracemalloc.start()
+    try:
+        with pytest.warns(RuntimeWarning, match="12000 are taken"):
+            sample_edges(part)
+        assert tracemalloc.get_traced_memory()[1] / len(part.faces) < 750.0
+    finally:
+        tracemalloc.stop()

@@ -88,6 +88,14 @@ def test_rerun_keeps_that_promise(replay: Path, tmp_path: Path) -> None:
             assert any(home.rglob("analytics*")) == leaves_something
 
 
+def test_films_say_what_they_need(
+    capsys: pytest.CaptureFixture[str], replay: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    outcome = run(capsys, "replay", replay, "--mp4", tmp_path / "film.mp4")
+    assert_one_error(outcome, "film.mp4", "films need PyAV")
+
+
 def test_two_replays_are_shown_as_one(
     capsys: pytest.CaptureFixture[str], started: list[tuple[list[str], dict[str, Any]]], replay: Path, tmp_path: Path
 ) -> None:

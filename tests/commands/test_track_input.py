@@ -55,6 +55,9 @@ def test_empty_data_set(capsys: pytest.CaptureFixture[str], tmp_path: Path, part
         (("--init-noise-mm", "inf"), ("--init-noise-mm",)),
         (("--init", "nowhere.csv"), ("nowhere.csv",)),
         (("--mesh", "a.ply"), ("--mesh", "--video")),
+        (("--replay-max-mb", "9"), ("--replay-max-mb 9", "--replay")),
+        (("--replay", "a.rrd", "--replay-max-mb", "inf"), ("--replay-max-mb inf", "finite")),
+        (("--replay", "a.rrd", "--replay-max-mb", "0.1"), ("--replay-max-mb",)),
         (("--video", "a.mp4"), ("--video",)),
     ],
 )

@@ -264,6 +264,17 @@ def test_a_frame_in_the_middle_that_cannot_be_read(
     assert rows[5].score > 0.0
 
 
+def test_the_summary_says_what_was_seen(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    for frame_id in FRAME_IDS[1:]:
+        (dataset / "test" / "000001" / "rgb" / f"{frame_id:06d}.png").write_bytes(b"")
+    outcome = track(capsys, dataset, parts, tmp_path / "results.csv", "--object", "1")
+    assert "5 frames of 320 x 240 (3 lost, 1 tracking, 1 weak; first lost in image 3; 4 not readable)" in outcome.out, (
+        outcome.out
+    )
+
+
 def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
     CAMERA.to_json(tmp_path / "camera.json")
     pose = true_pose(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +31,9 @@ from acp_lab.prepared_part import (
     PrepareOptions,
     RegionReport,
     Trained,
+    part_folder,
 )
+from acp_lab.prepared_part.integrity import write_header
 from tests.made_parts import box, bracket, looking_at
 
 
@@ -281,11 +284,16 @@ def test_a_damaged_auto_encoder_is_told(model: PreparedPart, tmp_path: Path, dam
 # ---- damage --------------------------------------------------------------------------------------------------
 
 
+def reseal(folder: Path, header: dict) -> None:  # type: ignore[type-arg]
+    """Checksums that agree with what was changed, so that what is read next is what is tested."""
+    write_header(folder, header, {path.name: path.read_bytes() for path in folder.glob("*.safetensors")})
+
+
 def edit_header(change: Callable[[dict], None]) -> Callable[[Path], None]:  # type: ignore[type-arg]
     def damage(folder: Path) -> None:
         header = json.loads((folder / "part.json").read_text())
         change(header)
-        (folder / "part.json").write_text(json.dumps(header))
+        reseal(folder, header)
 
     return damage
 
@@ -295,6 +303,7 @@ def edit_tensors(name: str, change: Callable[[dict[str, np.ndarray]], None]) -> 
         tensors = load_file(folder / name)
         change(tensors)
         save_file(tensors, folder / name)
+        reseal(folder, json.loads((folder / "part.json").read_text()))
 
     return damage
 
@@ -334,6 +343,86 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
         "visibility_0.safetensors", lambda tensors: tensors.update(more=np.zeros(1))
     ),
 }
+
+
+CHANGED: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "edges that are 5% larger": ("edges.safetensors", lambda folder: scale_edges(folder, 1.05)),
+    "one bit": ("visibility_4.safetensors", lambda folder: flip_bit(folder / "visibility_4.safetensors")),
+    "another diameter": ("part.json", lambda folder: swap_text(folder, '"diameter_mm": ', '"diameter_mm": 1')),
+    "another seed": ("part.json", lambda folder: swap_text(folder, '"seed": ', '"seed": 7')),
+    "no checksum": ("part.json", lambda folder: swap_text(folder, '"checksum"', '"sum"')),
+    "no checksum of a file": ("part.json", lambda folder: swap_text(folder, '"edges.safetensors"', '"other"')),
+    "a file of another part": (
+        "templates.safetensors",
+        lambda folder: shutil.copy(folder / "mesh.safetensors", folder / "templates.safetensors"),
+    ),
+}
+
+
+def scale_edges(folder: Path, factor: float) -> None:
+    tensors = load_file(folder / "edges.safetensors")
+    save_file({**tensors, "points_obj": factor * tensors["points_obj"]}, folder / "edges.safetensors")
+
+
+def flip_bit(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[-3] ^= 1
+    path.write_bytes(bytes(content))
+
+
+def swap_text(folder: Path, old: str, new: str) -> None:
+    text = (folder / "part.json").read_text()
+    assert old in text
+    (folder / "part.json").write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(("name", "change"), CHANGED.values(), ids=CHANGED.keys())
+def test_a_change_after_preparation_is_told_with_its_file(
+    folder: Path, name: str, change: Callable[[Path], object]
+) -> None:
+    change(folder)
+    with pytest.raises(PreparationError, match=rf"{name} has changed .*run: acp-lab prepare MESH .*--no-resume"):
+        PreparedPart.load(folder)
+
+
+def test_spaces_in_part_json_are_no_change(folder: Path) -> None:
+    values = json.loads((folder / "part.json").read_text())
+    (folder / "part.json").write_text(json.dumps(dict(reversed(values.items()))))
+    PreparedPart.load(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [("mesh", "vertices"), ("edges", "points_obj"), ("templates", "views_obj"), ("visibility_0", "weight1")],
+)
+def test_numbers_that_are_none_are_told(folder: Path, name: str, key: str) -> None:
+    def spoil(tensors: dict[str, np.ndarray]) -> None:
+        tensors[key] = tensors[key].copy()
+        tensors[key].flat[0] = np.nan
+
+    edit_tensors(f"{name}.safetensors", spoil)(folder)
+    with pytest.raises(PreparationError, match=rf"{name}\.safetensors: {key} holds NaN or infinity"):
+        PreparedPart.load(folder)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+@pytest.mark.parametrize("name", ["part.json", "edges.safetensors"])
+def test_a_pipe_in_the_folder_is_not_waited_for(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+    with pytest.raises(PreparationError, match=r"run: acp-lab prepare"):
+        PreparedPart.load(folder)
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", ".hidden", "a/b", "a\\b", "../up", "a\nb", "nul\0"])
+def test_a_name_that_is_no_plain_folder_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(PreparationError, match="cannot be named"):
+        part_folder(tmp_path, name)
+
+
+@pytest.mark.parametrize("name", ["obj_000001", "Halter 3 (links)", "größe", "v1.2"])
+def test_other_names_are_fine(tmp_path: Path, name: str) -> None:
+    assert part_folder(tmp_path, name) == tmp_path / name
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE.keys())
@@ -384,6 +473,19 @@ def test_an_interrupted_first_save_leaves_no_part(
         model.save(tmp_path / "parts" / "bracket")
     with pytest.raises(PreparationError, match="not prepared"):
         PreparedPart.load(tmp_path / "parts" / "bracket")
+
+
+def test_an_interrupted_save_of_other_files_leaves_no_part(
+    folder: Path, model: PreparedPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the files are new, and part.json would tell of the old ones."""
+    other = replace(model.networks[0], bias1=model.networks[0].bias1 + 1.0)
+    networks = Trained({**model.networks, 0: other}, model.networks.reports, "other")
+    fail_at(monkeypatch, "visibility_0.safetensors")
+    with pytest.raises(KeyboardInterrupt):
+        replace(model, networks=networks).save(folder)
+    with pytest.raises(PreparationError, match="not prepared"):
+        PreparedPart.load(folder)
 
 
 def test_an_interrupted_save_keeps_the_part_that_was_there(

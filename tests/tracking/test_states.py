@@ -51,6 +51,14 @@ def test_the_reason_is_told_when_the_state_changes_and_only_then() -> None:
     assert machine.update(0.9) == "lost -> tracking: quality 0.90"
 
 
+@pytest.mark.parametrize(("quality", "state"), [(0.6, T), (0.45, T), (0.39, W), (0.2, W), (0.1, L), (0.0, L)])
+def test_the_first_frame_says_what_was_seen(quality: float, state: TrackState) -> None:
+    machine = StateMachine(CONFIG)
+    note = machine.begin(quality)
+    assert machine.state is state
+    assert (note == "") is (state is T)
+
+
 @given(qualities=st.lists(st.floats(0.0, 1.0), max_size=40))
 def test_a_state_is_never_at_odds_with_its_quality(qualities: list[float]) -> None:
     for quality, state in zip(qualities, states(qualities), strict=True):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import cv2
 
 from acp_lab.display.replay.clock import Moment
+from acp_lab.display.replay.columns import frames_together, time_columns
 from acp_lab.geometry.arrays import ByteImage
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ MOST_BYTES_PER_PIXEL = 0.18
 """100 images of 640 x 512 px then stay below 6 MB, but for the noisiest."""
 MOST_WAITING = 8
 """Images; a tracker that is faster than the encoder waits for it, rather than fill the memory."""
+MOST_BYTES_TOGETHER = 4_000_000
+"""Of encoded images that are sent together; see `columns.frames_together`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +41,17 @@ class _Job:
 
 
 class ImageWriter:
-    """Logs images, (h, w, 3) uint8 RGB, to a recording from a thread of its own."""
+    """Logs images, (h, w, 3) uint8 RGB, to a recording from a thread of its own.
+
+    sent_bytes: of the images that were handed to the recording.
+    """
 
     def __init__(self, recording: RecordingStream) -> None:
+        self.sent_bytes = 0
+        self._encoded_bytes = self._encoded = self._taken = 0
         self._recording = recording
-        self._jobs: queue.Queue[_Job | None] = queue.Queue(MOST_WAITING)
+        self._jobs: queue.Queue[_Job | threading.Event | None] = queue.Queue(MOST_WAITING)
+        self._gathered: dict[tuple[str, float | None], list[tuple[Moment, bytes]]] = {}
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._work, name="replay images", daemon=True)
         self._thread.start()
@@ -52,11 +61,24 @@ class ImageWriter:
     ) -> None:
         """Log an image at a moment, soon. source: the file that it was decoded from, where there is one."""
         if self._failure is None:
+            self._taken += 1
             self._jobs.put(_Job(moment, entity, image, source, opacity))
+
+    @property
+    def expected_bytes(self) -> float:
+        """Of all images so far; those that wait are taken to be like the others."""
+        return self._encoded_bytes * self._taken / max(1, self._encoded)
+
+    def flush(self) -> None:
+        """Hand everything to the recording."""
+        done = threading.Event()
+        self._jobs.put(done)
+        done.wait()
 
     def close(self) -> None:
         """Wait until everything is logged; raises what went wrong in the thread."""
         if self._thread.is_alive():
+            self.flush()
             self._jobs.put(None)
             self._thread.join()
         if self._failure is not None:
@@ -64,20 +86,42 @@ class ImageWriter:
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
-            if self._failure is not None:
-                continue  # keep taking jobs, so that nobody waits for room in the queue
             try:
-                self._log(job)
+                if self._failure is not None:
+                    continue  # keep taking jobs, so that nobody waits for room in the queue
+                if isinstance(job, _Job):
+                    self._gather(job)
+                else:
+                    self._send()
             except Exception as error:
                 self._failure = error
+            finally:
+                if isinstance(job, threading.Event):
+                    job.set()
 
-    def _log(self, job: _Job) -> None:
+    def _gather(self, job: _Job) -> None:
+        jpeg = _small_jpeg(job.source, job.image) or encode_jpeg(job.image)
+        self._encoded_bytes += len(jpeg)
+        self._encoded += 1
+        gathered = self._gathered.setdefault((job.entity, job.opacity), [])
+        gathered.append((job.moment, jpeg))
+        is_much = self._encoded_bytes - self.sent_bytes > MOST_BYTES_TOGETHER
+        if is_much or len(gathered) >= frames_together(job.moment.frame):
+            self._send()
+
+    def _send(self) -> None:
         import rerun as rr
 
-        jpeg = _small_jpeg(job.source, job.image) or encode_jpeg(job.image)
-        job.moment.set_on(self._recording)
-        image = rr.EncodedImage(contents=jpeg, media_type="image/jpeg", opacity=job.opacity)
-        self._recording.log(job.entity, image)
+        self.sent_bytes = self._encoded_bytes
+        for (entity, opacity), gathered in self._gathered.items():
+            moments, jpegs = zip(*gathered, strict=True)
+            columns = rr.EncodedImage.columns(
+                blob=jpegs,
+                media_type=["image/jpeg"] * len(jpegs),
+                opacity=None if opacity is None else [opacity] * len(jpegs),
+            )
+            self._recording.send_columns(entity, time_columns(moments), columns)
+        self._gathered.clear()
 
 
 def encode_jpeg(image: ByteImage) -> bytes:

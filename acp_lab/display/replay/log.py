@@ -55,6 +55,7 @@ class RunLog:
         self._images = images
         self._session = session
         self._iterations = iterations
+        self._shows_images = True
         self._camera: Camera | None = None
         self._objects: dict[int, ObjectLog] = {}
         self._curves: dict[int, CurveLog] = {}
@@ -77,9 +78,7 @@ class RunLog:
         for of_curves in self._curves.values():
             of_curves.begin()
 
-    def frame(
-        self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult], clock: RunningClock
-    ) -> None:
+    def frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult], clock: RunningClock) -> None:
         """Log a frame and its results, and let the clock go on behind it."""
         import rerun as rr
 
@@ -87,6 +86,7 @@ class RunLog:
         self._log.at(start)
         if isinstance(frame, Frame):
             self._log_camera(frame.camera, results)
+        if isinstance(frame, Frame) and self._shows_images:
             path_of = self._session.image_path
             source = path_of(frame.index) if path_of is not None else None
             self._images.put(start, f"{self._log.root}camera/image", frame.image, source)
@@ -101,7 +101,9 @@ class RunLog:
             cam_T_true = truth(frame.index, object_id) if truth is not None else None
             self._objects[object_id].result(result, frame.camera, cam_T_true)
             self._curves[object_id].result(frame, result, cam_T_true)
-            if isinstance(frame, Frame) and result.target is not None and result.target.distance_map is not None:
+            if not (isinstance(frame, Frame) and self._shows_images):
+                continue
+            if result.target is not None and result.target.distance_map is not None:
                 entity = f"{self._log.root}camera/distance_map/{object_name(object_id)}"
                 self._images.put(end, entity, distance_picture(result.target, frame.camera), opacity=MAP_OPACITY)
         self._log.end_frame()
@@ -109,6 +111,26 @@ class RunLog:
     def end(self) -> None:
         """Send what is left."""
         self._log.flush()
+        self._images.flush()
+
+    @property
+    def sent(self) -> int:
+        """Frames whose data were handed to the recording."""
+        return self._log.sent
+
+    def drop_images(self) -> None:
+        """Log no image from the next frame on, and leave the last one not standing."""
+        import rerun as rr
+
+        self._shows_images = False
+        self._log.now("camera/image", rr.Clear(recursive=False))
+        self._log.now("camera/distance_map", rr.Clear(recursive=True))
+
+    def note(self, message: str) -> None:
+        """Write something into the file's log, at the moment of the last frame."""
+        import rerun as rr
+
+        self._log.now("notes", rr.TextLog(message))
 
     def _is_shown(self, result: TrackResult) -> bool:
         """Whether the iterations of a result are to be logged."""

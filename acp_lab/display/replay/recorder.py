@@ -10,16 +10,21 @@ killed leaves one that `acp-lab replay` opens, up to its torn end.
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 from acp_lab.display.replay.blueprint import single_run, spot_of
+from acp_lab.display.replay.budget import SizeBudget
 from acp_lab.display.replay.clock import RunningClock
 from acp_lab.display.replay.images import ImageWriter
 from acp_lab.display.replay.log import Iterations, RunLog
 from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import InputFileError
+from acp_lab.locks import only_writer
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import TrackResult
@@ -29,27 +34,53 @@ RUN_PROPERTY = "acp_lab_run"
 """Property of a recording: what `replay.file` has to know of it, as that a torn file lacks so many frames."""
 
 
+FLUSH_S, LAST_FLUSH_S = 5.0, 120.0
+"""How long to wait for rerun's writer. On a full disk it sometimes dies without a word."""
+
+
+def _disconnect(recording: Any) -> None:
+    with suppress(RuntimeError):
+        recording.disconnect()
+
+
 class Replay:
     """Observer that writes an .rrd file for `acp-lab replay` (or `rerun FILE.rrd`).
 
     path: the file, replaced. sessions: how many sessions (scenes) follow each other in it; the file is
-    complete after the last one's end. iterations: of which frames the iterations are recorded.
-    Raises InputFileError when the file cannot be written.
+    complete after the last one's end. iterations: of which frames the iterations are recorded. most_mb: how large the
+    file may become (`budget`). frames: that come in all sessions, 0 where nobody knows.
+    Raises InputFileError when the file cannot be written, or another program is writing it.
     """
 
     wants_target = True
 
-    def __init__(self, path: str | Path, sessions: int = 1, iterations: Iterations = "off") -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        sessions: int = 1,
+        iterations: Iterations = "off",
+        most_mb: float = float("inf"),
+        frames: int = 0,
+    ) -> None:
         self.path = Path(path)
         self.iterations = iterations
         self.wants_steps = iterations != "off"
-        self._sessions_left = sessions
+        self._sessions = self._sessions_left = sessions
         self._clock = RunningClock()
         self._scenes: list[tuple[str, int]] = []
         self._objects: set[str] = set()
         self._recording: Any = None
         self._images: ImageWriter | None = None
         self._log: RunLog | None = None
+        self._budget = SizeBudget(1e6 * most_mb)
+        self._frames, self._frames_in_all, self._sent_before = 0, frames, 0
+        self._failure: RuntimeError | None = None
+        self._lock = ExitStack()
+
+    @property
+    def lacks(self) -> str:
+        """One line: what was left out to keep the file small; empty where nothing."""
+        return self._budget.told
 
     def on_start(self, session: SessionInfo) -> None:
         """Forget the last session's things."""
@@ -58,14 +89,18 @@ class Replay:
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
         """Log one frame and its results; the first one opens the file."""
-        if self._log is None:
-            self._log = self._begin(frame, results)
-        self._log.frame(frame, results, self._clock)
+        if self._budget.data_end is not None or self._failure is not None:
+            return
+        try:
+            self._record(frame, results)
+        except RuntimeError as error:  # of rerun's writer, in Rust: tracking goes on, `close` tells
+            self._failure = error
 
     def on_end(self) -> None:
         """Send what is left, and close the file after the last session."""
         if self._log is not None:
             self._log.end()
+            self._sent_before += self._log.sent
             self._log = None
         self._sessions_left -= 1
         if self._sessions_left <= 0:
@@ -75,12 +110,55 @@ class Replay:
         """Complete the file; on_end does it after the last session."""
         if self._recording is None or self._images is None:
             return
+        recording, images = self._recording, self._images
+        self._recording = self._images = None
+        with self._lock:
+            try:
+                images.close()
+            finally:
+                self._complete(recording)
+
+    def _record(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
+        if self._log is None:
+            self._log = self._begin(frame, results)
+            if self._budget.images_end is not None:
+                self._log.drop_images()
+        self._log.frame(frame, results, self._clock)
+        self._frames += 1
+        if math.isfinite(self._budget.most_bytes):
+            self._spend(self._log)
+
+    def _complete(self, recording: Any) -> None:
         try:
-            self._images.close()
-        finally:
-            self._recording.flush()
-            self._recording.disconnect()
-            self._recording = self._images = None
+            if self._failure is None:
+                recording.flush(timeout_sec=LAST_FLUSH_S)
+        except RuntimeError as error:
+            self._failure = error
+        # Else it complains when Python ends. A writer that died may make it wait for ever.
+        closing = threading.Thread(target=_disconnect, args=(recording,), name="replay closing", daemon=True)
+        closing.start()
+        closing.join(None if self._failure is None else FLUSH_S)
+        if self._failure is not None:
+            raise InputFileError(
+                f"{self.path}: the replay could not be written to its end ({self._failure}): check the room on the "
+                "disk; acp-lab replay shows what is there"
+            ) from None
+
+    def _spend(self, log: RunLog) -> None:
+        """See what the file takes by now, and drop what it has no room for."""
+        assert self._images is not None
+        if self._frames == 1:
+            self._recording.flush(timeout_sec=FLUSH_S)  # what is logged once is in the file then
+        data_bytes = max(0, self.path.stat().st_size - self._images.sent_bytes)
+        before = self._budget.told
+        in_all = self._frames_in_all or (self._session.frame_count if self._sessions == 1 else 0)
+        frames_left = in_all - self._frames if in_all else None
+        sent = self._sent_before + log.sent
+        self._budget.spend(self._frames, sent, data_bytes, self._images.expected_bytes, frames_left)
+        if self._budget.told != before:
+            log.drop_images()
+            log.note(f"The replay {self._budget.told}.")
+            self._recording.send_recording_name(f"{self._session.name} ({self._session.method}): {self._budget.told}")
 
     def _begin(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> RunLog:
         import rerun as rr
@@ -116,17 +194,20 @@ class Replay:
             reach=[self._spot.reach],
         )
         self._recording.send_property(RUN_PROPERTY, described)
+        self._recording.flush(timeout_sec=FLUSH_S)  # before any frame: else a killed run's file says nothing
 
     def _open(self) -> None:
         import rerun as rr
 
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self.path.open("wb").close()
-        except OSError as error:
-            raise InputFileError(
-                f"{self.path}: the replay cannot be written ({error.strerror}): choose another place"
-            ) from None
+        with ExitStack() as on_failure:
+            on_failure.enter_context(only_writer(self.path, "the replay"))
+            try:
+                self.path.open("wb").close()
+            except OSError as error:
+                raise InputFileError(
+                    f"{self.path}: the replay cannot be written ({error.strerror}): choose another place"
+                ) from None
+            self._lock = on_failure.pop_all()
         session = self._session
         self._recording = rr.RecordingStream(APPLICATION, recording_id=f"{session.name}:{session.method}")
         self._recording.save(self.path)

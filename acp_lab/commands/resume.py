@@ -1,0 +1,148 @@
+"""`acp-lab track --resume`: go on after the rows that a stopped run left, if everything it read is the same.
+
+Rows stand in the order of tracking, so a file that was cut off is a whole run up to some frame. The tracker starts
+anew in the last frame whose rows are whole, from their poses; what it had learnt of the part's look is not kept.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from acp_lab.commands.track import SceneJob
+from acp_lab.errors import InputFileError, SequenceError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.input_file import read_json_object
+from acp_lab.prepared_part import part_folder
+from acp_lab.prepared_part.integrity import checksum
+from acp_lab.sequences.images import VideoFile
+from acp_lab.sequences.protocol import Sequence as Frames
+from acp_lab.sequences.rest import RestOfSequence
+from acp_lab.sequences.results_csv import ResultRow, rows_with_ends, run_info_path
+
+ANEW = "run without --resume"
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """Where to go on.
+
+    Attributes:
+        keep_bytes: of the results file; what stands behind them is tracked again.
+        done: ids of the scenes that are complete.
+        scene_id, im_id: the image whose rows are the last ones kept, of the scene that is not; None between scenes.
+        starts: (4, 4) cam_T_obj by object id in that image.
+    """
+
+    keep_bytes: int
+    done: frozenset[int]
+    scene_id: int | None = None
+    im_id: int | None = None
+    starts: Mapping[int, FloatArray] | None = None
+
+    def rest_of(self, job: SceneJob) -> SceneJob | None:
+        """What is left of a scene; None when it is complete."""
+        if job.sequence.scene_id in self.done:
+            return None
+        if job.sequence.scene_id != self.scene_id or self.im_id is None or self.starts is None:
+            return job
+        return replace(job, sequence=RestOfSequence(job.sequence, self.im_id), starts=self.starts)
+
+    def told(self, is_left: bool) -> str:
+        """One line: what happens."""
+        if not is_left:
+            return "--resume: all frames have their rows already, nothing is tracked"
+        if self.im_id is None:
+            return f"--resume: scenes {', '.join(map(str, sorted(self.done)))} have their rows already"
+        return (
+            f"--resume: goes on behind scene {self.scene_id}, image {self.im_id}, from its pose; what the tracker had "
+            "learnt before is not kept"
+        )
+
+
+def inputs_of(jobs: Sequence[SceneJob], parts: Path, configuration: Any) -> dict[str, str]:
+    """Checksums of all that the poses depend on, by name; images count by their names and sizes."""
+    inputs = {"the method": _digest(configuration)}
+    for job in jobs:
+        scene = f"scene {job.sequence.scene_id}"
+        inputs[f"{scene}, its images or camera"] = _digest(_frames_in_words(job.sequence))
+        for object_id, pose in job.starts.items():
+            inputs[f"{scene}, the start pose of object {object_id}"] = _digest(pose.tolist())
+            part = part_folder(parts, job.models[object_id].part.name)
+            inputs[f"the prepared part {part.name}"] = checksum((part / "part.json").read_bytes())
+    return inputs
+
+
+def resumption(
+    results: Path, jobs: Sequence[SceneJob], inputs: Mapping[str, str], max_frames: int | None
+) -> Resumption | None:
+    """Where to go on with a results file; None to begin anew, where it has no whole rows.
+
+    Raises:
+        InputFileError: it was made from something else, or cannot be read.
+        SequenceError: a sequence that does not announce its frames, such as a live camera.
+    """
+    for job in jobs:
+        if not job.sequence.frame_ids:
+            raise SequenceError(
+                f"{job.sequence.name}: cannot be resumed, it does not say how many frames it has: {ANEW}"
+            )
+    if not results.exists():
+        return None
+    rows = rows_with_ends(results)
+    if not rows:
+        return None
+    _check_same(results, inputs)
+    by_scene = {job.sequence.scene_id: job for job in jobs}
+    last: Resumption | None = None
+    done: set[int] = set()
+    for (scene_id, im_id), group in groupby(rows, key=lambda row: row[0].key[:2]):
+        of_frame = tuple(group)
+        if scene_id not in by_scene or im_id not in by_scene[scene_id].sequence.frame_ids:
+            raise InputFileError(f"{results}: has scene {scene_id}, image {im_id}, which is not tracked: {ANEW}")
+        found, job = tuple(row for row, _ in of_frame), by_scene[scene_id]
+        if {row.obj_id for row in found} != set(job.starts):
+            break  # cut off within the frame
+        if im_id == job.sequence.frame_ids[:max_frames][-1]:
+            done.add(scene_id)
+            last = Resumption(of_frame[-1][1], frozenset(done))
+        elif all(row.score > 0.0 for row in found):  # the part was seen, so that a tracker can start there
+            last = Resumption(of_frame[-1][1], frozenset(done), scene_id, im_id, _poses(found))
+    return last
+
+
+def _poses(rows: Sequence[ResultRow]) -> dict[int, FloatArray]:
+    return {row.obj_id: row.cam_T_obj for row in rows}
+
+
+def _check_same(results: Path, inputs: Mapping[str, str]) -> None:
+    path = run_info_path(results)
+    before = read_json_object(path, f"{results} cannot be resumed without it: {ANEW}").get("inputs")
+    if not isinstance(before, dict):
+        raise InputFileError(f"{path}: does not say what {results.name} was made from: {ANEW}")
+    for name in sorted(set(before) | set(inputs)):
+        if before.get(name) != inputs.get(name):
+            raise InputFileError(f"{results}: cannot be resumed: another run made it ({name} differs): {ANEW}")
+
+
+def _frames_in_words(frames: Frames) -> list[Any]:
+    paths = getattr(frames, "image_paths", None)
+    files = paths.values() if isinstance(paths, Mapping) else paths or ()
+    if isinstance(frames, VideoFile):
+        files = [frames.path]
+    camera = getattr(frames, "camera", None)
+    cameras = [camera(frame_id) for frame_id in frames.frame_ids] if callable(camera) else [camera]
+    return [*(str(one) for one in cameras), *_sizes(files)]
+
+
+def _sizes(files: Any) -> Iterator[tuple[str, int]]:
+    for path in files:
+        yield path.name, path.stat().st_size if path.exists() else -1
+
+
+def _digest(values: Any) -> str:
+    return checksum(json.dumps(values, sort_keys=True).encode())

@@ -1,0 +1,220 @@
+"""`acp-lab track --resume`: goes on where a stopped run stopped, with the same inputs only."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acp_lab.commands import track_run
+from acp_lab.sequences import read_results
+from acp_lab.sequences.results_csv import rows_with_ends
+from tests.cli_runner import Outcome, assert_one_error, run
+from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
+from tests.sequences.tiny_dataset import write_json
+
+PER_FRAME = len(OBJECT_IDS)
+
+
+def track(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, *words: str | Path) -> Outcome:
+    return run(capsys, "track", dataset, "--parts", parts, "--out", out, *words)
+
+
+@pytest.fixture
+def whole(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> Path:
+    """The results of a run that was not stopped."""
+    assert track(capsys, dataset, parts, tmp_path / "whole.csv").status == 0
+    return tmp_path / "whole.csv"
+
+
+def cut(whole: Path, out: Path, rows: int, torn: bytes = b"") -> Path:
+    """As if the run had been killed after so many rows, in the middle of the next."""
+    ends = [end for _, end in rows_with_ends(whole)]
+    out.write_bytes(whole.read_bytes()[: ends[rows - 1]] + torn)
+    shutil.copy(whole.with_suffix(".run.json"), out.with_suffix(".run.json"))
+    return out
+
+
+def keys(path: Path) -> list[tuple[int, int, int]]:
+    return [row.key for row in read_results(path)]
+
+
+@pytest.mark.parametrize(("rows", "torn"), [(2, b""), (4, b"1,3,1,0.5,1 0"), (5, b""), (7, b"1"), (9, b"")])
+def test_it_goes_on_after_the_last_whole_frame(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path, rows: int, torn: bytes
+) -> None:
+    out = cut(whole, tmp_path / "cut.csv", rows, torn)
+    kept = rows // PER_FRAME * PER_FRAME
+    outcome = track(capsys, dataset, parts, out, "--resume")
+    assert outcome.status == 0, outcome
+    assert f"goes on behind scene 1, image {FRAME_IDS[kept // PER_FRAME - 1]}" in outcome.err
+    assert keys(out) == keys(whole)
+    end = rows_with_ends(whole)[kept - 1][1]
+    assert out.read_bytes()[:end] == whole.read_bytes()[:end]  # what was there is not touched
+    for row, other in zip(read_results(out), read_results(whole), strict=True):
+        assert np.linalg.norm(row.cam_T_obj[:3, 3] - other.cam_T_obj[:3, 3]) < 2.0
+    assert json.loads(out.with_suffix(".run.json").read_text())["complete"] is True
+
+
+def test_the_same_command_from_the_start_on(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path
+) -> None:
+    """Nothing there, a header alone, all there: a loop may always say --resume."""
+    out = tmp_path / "results.csv"
+    assert track(capsys, dataset, parts, out, "--resume").status == 0
+    assert keys(out) == keys(whole)
+    out.write_bytes(out.read_bytes().partition(b"\n")[0] + b"\n")
+    assert track(capsys, dataset, parts, out, "--resume").status == 0
+    assert keys(out) == keys(whole)
+    before = out.read_bytes()
+    outcome = track(capsys, dataset, parts, out, "--resume")
+    assert outcome.status == 0
+    assert "nothing is tracked" in outcome.err
+    assert out.read_bytes() == before
+
+
+def test_frames_without_sight_are_tracked_again(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """A tracker cannot start in a frame that was not seen."""
+    (dataset / "test" / "000001" / "rgb" / "000003.png").write_bytes(b"")
+    assert track(capsys, dataset, parts, tmp_path / "whole.csv").status == 0
+    out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 3 * PER_FRAME)
+    outcome = track(capsys, dataset, parts, out, "--resume")
+    assert outcome.status == 0
+    assert "image 2" in outcome.err
+    assert keys(out) == keys(tmp_path / "whole.csv")
+
+
+def test_several_scenes_and_fewer_frames(capsys: pytest.CaptureFixture[str], parts: Path, tmp_path: Path) -> None:
+    dataset = write_dataset(tmp_path / "two", scenes=(1, 7))
+    words = ("--max-frames", "3")
+    assert track(capsys, dataset, parts, tmp_path / "whole.csv", *words).status == 0
+    for rows, told in ((3 * PER_FRAME, "scenes 1 have"), (4 * PER_FRAME, "scene 7, image 0")):
+        out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", rows)
+        outcome = track(capsys, dataset, parts, out, "--resume", *words)
+        assert outcome.status == 0, outcome
+        assert told in outcome.err
+        assert keys(out) == keys(tmp_path / "whole.csv")
+
+
+def test_a_video(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    pose = true_pose(0)
+    entry = {"cam_R_m2c": pose[:3, :3].ravel().tolist(), "cam_t_m2c": pose[:3, 3].tolist()}
+    write_json(tmp_path / "pose.json", entry)
+    words = ["track", "--video", dataset / "test" / "000001" / "rgb", "--camera", tmp_path / "camera.json"]
+    words += ["--mesh", dataset / "models" / "obj_000001.ply", "--init", tmp_path / "pose.json", "--parts", parts]
+    assert run(capsys, *words, "--out", tmp_path / "whole.csv").status == 0
+    out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 2)
+    assert run(capsys, *words, "--out", out, "--resume").status == 0
+    assert keys(out) == keys(tmp_path / "whole.csv")
+    CAMERA.to_json(tmp_path / "camera.json")
+    edit_json(tmp_path / "camera.json", lambda camera: camera.update(fx=401.0))
+    before = cut(tmp_path / "whole.csv", out, 2).read_bytes()
+    assert_one_error(run(capsys, *words, "--out", out, "--resume"), "its images or camera", "without --resume")
+    assert out.read_bytes() == before
+
+
+def edit_truth(dataset: Path, parts: Path) -> None:
+    edit_json(
+        dataset / "test" / "000001" / "scene_gt.json", lambda truth: truth["0"][1].update(cam_t_m2c=[35.0, 1.0, 260.0])
+    )
+
+
+def remove_image(dataset: Path, parts: Path) -> None:
+    (dataset / "test" / "000001" / "rgb" / "000006.png").unlink()
+
+
+def other_image(dataset: Path, parts: Path) -> None:
+    folder = dataset / "test" / "000001" / "rgb"
+    shutil.copy(folder / "000000.png", folder / "000006.png")
+
+
+def prepare_again(dataset: Path, parts: Path) -> None:
+    from acp_lab.cad.part import Part
+    from acp_lab.preparation import prepare
+    from acp_lab.prepared_part import PrepareOptions
+
+    part = Part.from_file(dataset / "models" / "obj_000004.ply")
+    prepare(part, PrepareOptions(generator="templates", edge_break_mm=0.5), out=parts)
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "told"),
+    [
+        (edit_truth, (), "scene 1, the start pose of object 4 differs"),
+        (remove_image, (), "scene 1, its images or camera differs"),
+        (other_image, (), "scene 1, its images or camera differs"),
+        (prepare_again, (), "the prepared part obj_000004 differs"),
+        (None, ("--method", "acp-fused"), "the method differs"),
+        (None, ("--object", "1"), "object 4 differs"),
+        (None, ("--init-noise-mm", "1"), "the start pose of object"),
+    ],
+)
+def test_other_inputs_are_refused(
+    capsys: pytest.CaptureFixture[str],
+    dataset: Path,
+    parts: Path,
+    tmp_path: Path,
+    whole: Path,
+    change,  # type: ignore[no-untyped-def]
+    words: tuple[str, ...],
+    told: str,
+) -> None:
+    out = cut(whole, tmp_path / "cut.csv", 4)
+    before = out.read_bytes()
+    if change is not None:
+        change(dataset, parts)
+    assert_one_error(track(capsys, dataset, parts, out, "--resume", *words), told, "run without --resume")
+    assert out.read_bytes() == before
+
+
+def test_results_without_their_run_are_refused(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path
+) -> None:
+    out = cut(whole, tmp_path / "cut.csv", 4)
+    edit_json(out.with_suffix(".run.json"), lambda info: info.pop("inputs"))
+    assert_one_error(track(capsys, dataset, parts, out, "--resume"), "cut.run.json", "without --resume")
+    out.with_suffix(".run.json").unlink()
+    assert_one_error(track(capsys, dataset, parts, out, "--resume"), "cut.run.json", "without --resume")
+    out.write_text("scene_id,im_id,obj_id,score,R,t,time\nnonsense\n")
+    assert_one_error(track(capsys, dataset, parts, out, "--resume"), "cut.csv: line 2")
+
+
+def test_an_older_replay_is_not_replaced(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path
+) -> None:
+    out = cut(whole, tmp_path / "cut.csv", 4)
+    (tmp_path / "run.rrd").write_bytes(b"RRF2 of the frames before")
+    outcome = track(capsys, dataset, parts, out, "--resume", "--replay", tmp_path / "run.rrd")
+    assert_one_error(outcome, "run.rrd", "another name")
+    assert track(capsys, dataset, parts, out, "--resume", "--replay", tmp_path / "rest.rrd").status == 0
+    assert (tmp_path / "rest.rrd").stat().st_size > 10_000
+
+
+def test_two_runs_into_one_file(
+    capsys: pytest.CaptureFixture[str],
+    dataset: Path,
+    parts: Path,
+    tmp_path: Path,
+    whole: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second is refused in one line while the first one writes, and tears nothing."""
+    out, second = tmp_path / "results.csv", []
+    really = track_run.SummaryObserver.on_frame
+
+    def once(self, frame, results) -> None:  # type: ignore[no-untyped-def]
+        really(self, frame, results)
+        if frame.index == 3 and not second:
+            second.append(None)
+            second[0] = track(capsys, dataset, parts, out)
+
+    monkeypatch.setattr(track_run.SummaryObserver, "on_frame", once)
+    assert track(capsys, dataset, parts, out).status == 0
+    assert_one_error(second[0], "results.csv", "another acp-lab is writing these results")
+    assert keys(out) == keys(whole)
