@@ -245,11 +245,12 @@ def evaluate(
 def replay(
     files: Annotated[list[Path], typer.Argument(help="Replays; two are shown side by side.", metavar="FILE.rrd...")],
     mp4: Annotated[Path | None, typer.Option(help="Write a film instead of opening a window.", metavar="FILE")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it in a browser, as without a display.")] = False,
 ) -> None:
     """Look at a replay."""
     from acp_lab.commands.replay import show_replays
 
-    raise typer.Exit(show_replays(tuple(files), mp4))
+    raise typer.Exit(show_replays(tuple(files), mp4, web))
 
 
 @app.command()
@@ -272,12 +273,18 @@ def doctor() -> None:
 
 @app.command()
 def lab(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(
+            help="After pip install: where the course is copied to. [default: acp_lab_course]", metavar="FOLDER"
+        ),
+    ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser window.")] = True,
 ) -> None:
-    """Open JupyterLab on the notebooks."""
+    """Open JupyterLab on the first notebook of the course."""
     from acp_lab.commands.lab import open_lab
 
-    raise typer.Exit(open_lab(browser))
+    raise typer.Exit(open_lab(browser, folder))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (".", "docs", "benchmarks", "binder", "data_recipes", "notebooks")
 PAGES = [
     *(path for folder in FOLDERS for path in sorted((ROOT / folder).glob("*.md"))),
-    *(ROOT / "notebooks").rglob("[0-9][0-9]_*.ipynb"),
+    *(path for path in (ROOT / "notebooks").rglob("[0-9][0-9]_*.ipynb") if ".ipynb_checkpoints" not in path.parts),
 ]
 
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.MULTILINE | re.DOTALL)
