@@ -254,6 +254,27 @@ def replay(
 
 
 @app.command()
+def explain(
+    source: Annotated[
+        Path, typer.Argument(help="What `acp-lab track` wrote, results or replay.", metavar="FILE.rrd|results.csv")
+    ],
+    frame: Annotated[
+        int | None, typer.Option(help="Counted from 0; by default where it was lost, or at its worst.", metavar="N")
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option(help="The data set, where it is not where it was.", metavar="DIR")
+    ] = None,
+    scene: Annotated[int | None, typer.Option(help="By default the first one.", metavar="N")] = None,
+    object_id: Annotated[int | None, typer.Option("--object", help="By default the first one.", metavar="N")] = None,
+    out: Annotated[Path | None, typer.Option(help="Where the picture goes.", metavar="FILE.png")] = None,
+) -> None:
+    """Say in words, and with a picture, what was likely wrong in a frame."""
+    from acp_lab.commands.explain import ExplainOptions, explain_run
+
+    explain_run(ExplainOptions(source, frame, dataset, scene, object_id, out))
+
+
+@app.command()
 def methods(
     name: Annotated[str | None, typer.Argument(help="Print this method as TOML for --config.", metavar="NAME")] = None,
 ) -> None:
