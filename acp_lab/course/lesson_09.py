@@ -157,10 +157,10 @@ def _percent_of(part: Part, pose: Any, truth: FloatArray | None, number: int) ->
         return percent
     if number < 3:
         raise Hint(
-            f"Frame {number}: ADD is {percent:.0f}% of the diameter already. Check one step: does J times the step have "
-            "the sign of the residuals, and is the shift in mm, the turn in radians about the part's middle?"
+            f"Frame {number}: ADD is {percent:.0f}% of the diameter already. Check one step: does J times the step "
+            "have the sign of the residuals, and is the shift in mm, the turn in radians about the part's middle?"
         )
     raise Hint(
-        f"It held for {number} frames; in frame {number} ADD is {percent:.0f}%. Do you choose the visible edges anew in "
-        "each frame, predict, and let far candidates count less as the reach shrinks?"
+        f"It held for {number} frames; in frame {number} ADD is {percent:.0f}%. Do you choose the visible edges anew "
+        "in each frame, predict, and let far candidates count less as the reach shrinks?"
     )
