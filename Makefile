@@ -25,7 +25,7 @@ DEV_STAMP := $(VENV)/.installed-dev
 FUZZ_STAMP := $(VENV)/.installed-fuzz
 
 .DEFAULT_GOAL := help
-.PHONY: help install install-dev demo test test-fast faults faults-long fuzz lint types format lab wheel bench clean clean-all
+.PHONY: help install install-dev demo test test-fast faults faults-long fuzz lint types format lab wheel pictures bench clean clean-all
 .DELETE_ON_ERROR:
 
 help: ## list all targets
@@ -64,6 +64,9 @@ lab: $(DEV_STAMP) ## open JupyterLab on the notebooks
 wheel: $(DEV_STAMP) ## build dist/acp_lab-*.whl, sample included
 	rm -rf build
 	"$(BIN)/python" -m build --wheel --outdir dist .
+
+pictures: $(DEV_STAMP) ## renew the moving picture of the README
+	"$(BIN)/python" -m benchmarks.moving_picture --parts "$(OUT)/parts"
 
 bench: $(DEV_STAMP) ## accuracy and speed on DATASETS (default: the sample), see benchmarks/
 	"$(BIN)/python" -m benchmarks.tracking $(DATASETS) --parts "$(OUT)/bench_parts"

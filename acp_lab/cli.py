@@ -251,11 +251,33 @@ def evaluate(
 def replay(
     files: Annotated[list[Path], typer.Argument(help="Replays; two are shown side by side.", metavar="FILE.rrd...")],
     mp4: Annotated[Path | None, typer.Option(help="Write a film instead of opening a window.", metavar="FILE")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it in a browser, as without a display.")] = False,
 ) -> None:
     """Look at a replay."""
     from acp_lab.commands.replay import show_replays
 
-    raise typer.Exit(show_replays(tuple(files), mp4))
+    raise typer.Exit(show_replays(tuple(files), mp4, web))
+
+
+@app.command()
+def explain(
+    source: Annotated[
+        Path, typer.Argument(help="What `acp-lab track` wrote, results or replay.", metavar="FILE.rrd|results.csv")
+    ],
+    frame: Annotated[
+        int | None, typer.Option(help="Counted from 0; by default where it was lost, or at its worst.", metavar="N")
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option(help="The data set, where it is not where it was.", metavar="DIR")
+    ] = None,
+    scene: Annotated[int | None, typer.Option(help="By default the first one.", metavar="N")] = None,
+    object_id: Annotated[int | None, typer.Option("--object", help="By default the first one.", metavar="N")] = None,
+    out: Annotated[Path | None, typer.Option(help="Where the picture goes.", metavar="FILE.png")] = None,
+) -> None:
+    """Say in words, and with a picture, what was likely wrong in a frame."""
+    from acp_lab.commands.explain import ExplainOptions, explain_run
+
+    explain_run(ExplainOptions(source, frame, dataset, scene, object_id, out))
 
 
 @app.command()
@@ -278,12 +300,18 @@ def doctor() -> None:
 
 @app.command()
 def lab(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(
+            help="After pip install: where the course is copied to. [default: acp_lab_course]", metavar="FOLDER"
+        ),
+    ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser window.")] = True,
 ) -> None:
-    """Open JupyterLab on the notebooks."""
+    """Open JupyterLab on the first notebook of the course."""
     from acp_lab.commands.lab import open_lab
 
-    raise typer.Exit(open_lab(browser))
+    raise typer.Exit(open_lab(browser, folder))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -297,7 +297,8 @@ def documents() -> list[Path]:
     """What quotes numbers: README, docs, the notebooks and their solutions."""
     found = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "benchmarks" / "README.md"]
     notebooks = ROOT / "notebooks"
-    return [*found, notebooks / "README.md", *sorted(notebooks.rglob("[0-9][0-9]_*.ipynb"))]
+    books = (path for path in sorted(notebooks.rglob("[0-9][0-9]_*.ipynb")) if ".ipynb_checkpoints" not in path.parts)
+    return [*found, notebooks / "README.md", *books]
 
 
 def check_file(path: Path, entries: dict[str, Entry], write: bool = False) -> list[Problem]:

@@ -16,6 +16,7 @@ STARTS_PROGRAMS = {
     "commands/lab.py",  # JupyterLab, on 127.0.0.1 with its token
     "commands/machine.py",  # sysctl, for the name of the processor
     "commands/replay.py",  # rerun's viewer, on 127.0.0.1
+    "commands/replay_web.py",  # rerun's viewer for browsers, on 127.0.0.1
 }
 LISTENS = {"socket", "socketserver", "http", "asyncio", "wsgiref", "xmlrpc", "multiprocessing"}
 SERVES = {"serve", "serve_web", "serve_grpc", "serve_web_viewer", "spawn", "connect_grpc"}

@@ -80,6 +80,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(PROJECT / "acp_lab", source / "acp_lab", ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(PROJECT / name, source / name)
+    for name in ("notebooks", "docs"):
+        shutil.copytree(PROJECT / name, source / name, ignore=shutil.ignore_patterns("course_files", ".*"))
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(source)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
@@ -123,3 +125,41 @@ def test_the_installed_wheel_works(wheel: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("ok      sample: ")
     assert "acp_lab " in done.stdout.splitlines()[1]
+
+
+@pytest.mark.slow
+def test_pip_installs_the_course(wheel: Path, tmp_path: Path) -> None:
+    """`acp-lab lab` of an installed wheel copies notebooks and docs to a folder, and never over somebody's work."""
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--ignore-installed"]
+    subprocess.run([*pip, "--prefix", str(tmp_path / "env"), str(wheel)], check=True, capture_output=True)
+    (site,) = (tmp_path / "env").rglob("site-packages")
+    work = tmp_path / "work"
+    mine = work / "mine" / "notebooks" / "00_start_here.ipynb"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("my work")
+    code = (
+        "from pathlib import Path; from acp_lab.commands import doctor, lab\n"
+        "lab.course_folder(None); lab.course_folder(Path('mine')); lab.course_folder(Path('mine'))\n"
+        "print(lab.install_extra('step')); print(*[check.__name__ for check in doctor.checks_of_machine()])"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=work, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith(f"the course is in {work / 'acp_lab_course'} (")
+    assert lines[2] == f"the course is in {work / 'mine'}"
+    assert lines[3] == 'python -m pip install "acp_lab[step]"'
+    assert "chromium" not in lines[4]
+    assert mine.read_text() == "my work"
+    for name in ("notebooks", "docs"):
+        theirs = {
+            path.relative_to(PROJECT) for path in (PROJECT / name).rglob("*.[im][pd]*") if ".ipynb_" not in str(path)
+        }
+        missing = [
+            path
+            for path in theirs
+            if "course_files" not in path.parts and not (work / "acp_lab_course" / path).exists()
+        ]
+        assert not missing

@@ -22,7 +22,9 @@ from pathlib import Path
 
 import acp_lab
 from acp_lab.commands import machine
-from acp_lab.commands.replay import without_telemetry
+from acp_lab.commands.installation import checkout, install_extra
+from acp_lab.commands.replay import has_display
+from acp_lab.commands.replay_web import without_telemetry
 
 _MODULES = {
     "opencv-python-headless": "cv2",
@@ -64,7 +66,13 @@ def checks() -> Iterator[Check]:
     """All checks, in the order in which a newcomer's machine fails them."""
     yield check_python()
     yield from check_packages()
-    for check in (
+    for check in checks_of_machine():
+        yield _safely(check)
+
+
+def checks_of_machine() -> tuple[Callable[[], Check], ...]:
+    """What is tried out, after the packages."""
+    return (
         check_ray_casting,
         check_sample,
         check_writing,
@@ -72,9 +80,8 @@ def checks() -> Iterator[Check]:
         check_opengl,
         check_step,
         check_notebook_viewer,
-        check_chromium,
-    ):
-        yield _safely(check)
+        *([check_chromium] if checkout() else []),  # only the tests of a checkout want it
+    )
 
 
 def print_report() -> int:
@@ -158,7 +165,9 @@ def check_sample() -> Check:
     from acp_lab.errors import AcpLabError
     from acp_lab.sequences.frame import UnreadableFrame
 
-    fix = "install acp_lab again, or check out acp_lab/sample again"
+    fix = (
+        "check out acp_lab/sample again" if checkout() else "install the wheel again, with --force-reinstall --no-deps"
+    )
     try:
         scene = open_sample()
         unreadable = [frame for frame in scene.frames() if isinstance(frame, UnreadableFrame)]
@@ -191,9 +200,8 @@ def check_viewer() -> Check:
         fix = f"{_PIP} rerun-sdk --force-reinstall; if it hangs, rerun analytics disable"
         return Check(Verdict.ABSENT, "the replay viewer does not start", fix)
     version = done.stdout.split("(")[0].strip() or "rerun"
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        fix = "replays open in a browser with rerun --web-viewer --bind 127.0.0.1 FILE.rrd"
-        return Check(Verdict.ABSENT, f"{version}, but there is no display for it", fix)
+    if not has_display():
+        return Check(Verdict.OK, f"{version}; without a display, acp-lab replay shows replays in a browser")
     return Check(Verdict.OK, f"{version}, opened by acp-lab replay")
 
 
@@ -212,12 +220,12 @@ def check_opengl() -> Check:
 
 def check_step() -> Check:
     """Reading STEP files."""
-    return _optional("cascadio", "STEP files can be read", f'{_PIP} -e ".[step]" in the checkout, to read STEP files')
+    return _optional("cascadio", "STEP files can be read", f"{install_extra('step')}, to read STEP files")
 
 
 def check_notebook_viewer() -> Check:
     """Replays inside notebooks."""
-    fix = f'{_PIP} -e ".[notebook]" in the checkout, to see replays inside notebooks'
+    fix = f"{install_extra('notebook')}, to see replays inside notebooks"
     return _optional("rerun_notebook", "replays show inside notebooks", fix)
 
 

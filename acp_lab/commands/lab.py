@@ -1,4 +1,4 @@
-"""`acp-lab lab`: opens JupyterLab on the notebooks."""
+"""`acp-lab lab`: opens JupyterLab on the first notebook of the course."""
 
 from __future__ import annotations
 
@@ -8,37 +8,63 @@ import subprocess
 import sys
 from pathlib import Path
 
-import acp_lab
 from acp_lab.commands import console
+from acp_lab.commands.course_copy import copy_course
+from acp_lab.commands.installation import checkout, install_extra
 from acp_lab.errors import AcpLabError
 
+FIRST = "notebooks/00_start_here.ipynb"
+# Defaults of JupyterLab's settings, below the user's own: no news popup, and links to docs open rendered.
+SETTINGS = Path(__file__).resolve().parent / "jupyter"
 
-def notebooks_folder() -> Path:
-    """The notebooks of the checkout that this package runs from; AcpLabError when there is none."""
-    checkout = Path(acp_lab.__file__).resolve().parent.parent
-    folder = checkout / "notebooks"
-    if not (folder.is_dir() and (checkout / "pyproject.toml").is_file()):
-        raise AcpLabError(
-            f"{folder}: no notebooks here: they come with the source, not with the installed package; "
-            "in a checkout of it, make lab opens them"
-        )
+
+def course_folder(folder: Path | None = None) -> Path:
+    """The folder that holds notebooks/ and docs/: the checkout, or a copy of what the wheel brings.
+
+    folder: where the copy goes, `acp_lab_course` in the working folder when None. AcpLabError when there is no
+    course, or when a folder is given in a checkout, which is worked in where it is.
+    """
+    source = checkout()
+    if source is not None:
+        if folder is not None:
+            raise AcpLabError(
+                f"{folder}: this is a checkout, whose notebooks are opened in {source}: leave the folder out"
+            )
+        return source
+    folder = (folder or Path("acp_lab_course")).resolve()
+    copied = copy_course(folder)
+    print(f"the course is in {folder}" + (f" ({copied} files copied)" if copied else ""), flush=True)
     return folder
 
 
-def open_lab(browser: bool = True) -> int:
+def open_lab(browser: bool = True, folder: Path | None = None) -> int:
     """Run JupyterLab on the loopback address, with its token, until it is stopped; its exit status."""
+    root = course_folder(folder)
     if importlib.util.find_spec("rerun_notebook") is None:
-        console.warn("replays will not show inside notebooks: python -m pip install -e '.[notebook]' (make lab does)")
-    command = [sys.executable, "-m", "jupyterlab", str(notebooks_folder()), "--ip=127.0.0.1"]
+        console.warn(f"replays will not show inside notebooks: {install_extra('notebook')}")
+    # The folder above the notebooks is served, so that their links to docs/ work.
+    command = [
+        sys.executable,
+        "-m",
+        "jupyterlab",
+        str(root),
+        "--ip=127.0.0.1",
+        f"--LabApp.default_url=/lab/tree/{FIRST}",
+    ]
     if not browser:
         command.append("--no-browser")
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         command.append("--allow-root")  # Jupyter refuses to run as root otherwise
-    # rerun's notebook viewer would fetch its page from the net; set before its first import.
-    environment = {"RERUN_NOTEBOOK_ASSET": "serve-local", **os.environ}
-    process = subprocess.Popen(command, env=environment, stderr=sys.stderr)
+    process = subprocess.Popen(command, env=lab_environment(), stderr=sys.stderr)
     while True:
         try:
             return process.wait()
         except KeyboardInterrupt:
             continue  # Ctrl-C reaches JupyterLab too, which asks whether it was meant
+
+
+def lab_environment() -> dict[str, str]:
+    """The environment of JupyterLab and its kernels: our default settings, and replays that need no network."""
+    config = os.pathsep.join(filter(None, [os.environ.get("JUPYTER_CONFIG_PATH"), str(SETTINGS)]))
+    # rerun's notebook viewer would fetch its page from the net; set before its first import.
+    return {"RERUN_NOTEBOOK_ASSET": "serve-local", **os.environ, "JUPYTER_CONFIG_PATH": config}

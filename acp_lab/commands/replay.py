@@ -1,4 +1,4 @@
-"""`acp-lab replay`: opens replays in the rerun viewer, two of them side by side, or makes films of them."""
+"""`acp-lab replay`: opens replays in the rerun viewer or in a browser, two of them side by side, or makes films."""
 
 from __future__ import annotations
 
@@ -6,21 +6,24 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from acp_lab.commands import console
-from acp_lab.errors import AcpLabError, InputFileError
+from acp_lab.commands.replay_web import serve_to_browser, without_telemetry
+from acp_lab.errors import InputFileError
 
 if TYPE_CHECKING:
     from acp_lab.display.replay.file import ReplayContent, ReplayFile
 
 
-def show_replays(files: tuple[Path, ...], mp4: Path | None = None) -> int:
+def show_replays(files: tuple[Path, ...], mp4: Path | None = None, web: bool = False) -> int:
     """Open the viewer on one or two replays and wait until it is closed; the viewer's exit status.
 
-    mp4: write a film there instead. A replay that its run did not close is shown as far as it goes, and a
-    warning says how far that is.
+    mp4: write a film there instead. web: show them in a browser, as is done anyway without a display. A replay
+    that its run did not close is shown as far as it goes, and a warning says how far that is.
     """
     if len(files) > 2:
         raise InputFileError(f"{files[2]}: one replay too many: give one, or two to compare")
@@ -29,24 +32,27 @@ def show_replays(files: tuple[Path, ...], mp4: Path | None = None) -> int:
     replays = [check_replay(file) for file in files]
     if mp4 is not None:
         return _make_film(replays, mp4)
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise AcpLabError(
-            f"{files[0]}: there is no display to open the viewer on: make a film with --mp4 FILE, or open it in a "
-            f"browser with rerun --web-viewer --bind 127.0.0.1 {' '.join(map(str, files))}"
-        )
-    return _show_one(replays[0]) if len(replays) == 1 else _compare(replays)
+    if not (web or has_display()):
+        print("no display here, so a browser shows the replay (--mp4 FILE makes a film instead):")
+    open_viewer = _open_viewer if has_display() and not web else partial(serve_to_browser, opens=has_display())
+    return _show_one(replays[0], open_viewer) if len(replays) == 1 else _compare(replays, open_viewer)
 
 
-def _show_one(replay: ReplayFile) -> int:
+def has_display() -> bool:
+    """Whether a window can be opened here."""
+    return not sys.platform.startswith("linux") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+
+
+def _show_one(replay: ReplayFile, open_viewer: Callable[[Path], int]) -> int:
     from acp_lab.display.replay.file import readable
 
     if not replay.is_complete:
         _read(replay)
     with readable(replay) as path:
-        return _open_viewer(path)
+        return open_viewer(path)
 
 
-def _compare(replays: list[ReplayFile]) -> int:
+def _compare(replays: list[ReplayFile], open_viewer: Callable[[Path], int]) -> int:
     from acp_lab.display.replay.file import merge_replays
 
     contents = dict(zip("ab", map(_read, replays), strict=True))
@@ -55,7 +61,7 @@ def _compare(replays: list[ReplayFile]) -> int:
     with tempfile.TemporaryDirectory(prefix="acp_lab_replay_") as folder:
         both = Path(folder) / "comparison.rrd"
         merge_replays(contents, both)
-        return _open_viewer(both)
+        return open_viewer(both)
 
 
 def _make_film(replays: list[ReplayFile], mp4: Path) -> int:
@@ -85,13 +91,3 @@ def _open_viewer(path: Path) -> int:
     # Without --bind the viewer would listen on all network interfaces.
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
     return subprocess.run(command, check=False, stderr=sys.stderr, env=without_telemetry()).returncode
-
-
-def without_telemetry() -> dict[str, str]:
-    """The environment in which rerun's programs send no usage statistics and write no settings for them.
-
-    Only these programs do: a `Replay` that is recorded, and one that is read, touch neither network nor home folder.
-    """
-    # What rerun 0.41 looks at (re_analytics, pipeline.rs): CI, whatever its value, unless the other one insists.
-    kept = {name: value for name, value in os.environ.items() if name != "FORCE_RERUN_ANALYTICS"}
-    return {**kept, "CI": "1"}

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from acp_lab.cad.part import Part
 from acp_lab.course.answers import Hint, as_choice, as_function
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import sample_scene
+from acp_lab.evaluation import add_mm
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.altered import AlteredSequence
@@ -109,3 +112,55 @@ def _strip(frame: Frame) -> Frame:
 def _short_lens(frame: Frame) -> Frame:
     camera = frame.camera
     return replace(frame, camera=replace(camera, fx=1.055 * camera.fx, fy=1.055 * camera.fy))
+
+
+LARGEST_PERCENT = 10.0
+"""Of the diameter: a small tracker may drift, but must not lose the part."""
+
+
+@exercise("09.3")
+def small_tracker(answer: Any) -> str:
+    """make(part) -> a tracker with start(frame, cam_T_obj) and track(frame), run over the sample."""
+    make = as_function(answer, "a class, or a function make(part), that gives a tracker")
+    scene = sample_scene()
+    part = scene.dataset.part(1)
+    tracker = make(part)
+    missing = [name for name in ("start", "track") if not callable(getattr(tracker, name, None))]
+    if missing:
+        raise Hint(
+            f"What make(part) returns has no method {missing[0]}: it needs start(frame, cam_T_obj) and track(frame)."
+        )
+    percents = []
+    for number, frame in enumerate(scene.frames()):
+        assert isinstance(frame, Frame)
+        try:
+            pose = tracker.track(frame) if number else tracker.start(frame, scene.first_pose.copy())
+        except Exception as error:  # the learner's code may fail in any way
+            raise Hint(f"Frame {number}: {type(error).__name__}: {error}") from None
+        percents.append(_percent_of(part, pose, scene.truth(frame.index, 1), number))
+    within = sum(percent < 2.0 for percent in percents[1:])
+    return (
+        f"You wrote a tracker: all {len(percents)} frames, {within} of {len(percents) - 1} below 2% of the diameter, "
+        f"the largest error {max(percents):.1f}%. What acp adds is memory, offsets of edges, recovery and a state."
+    )
+
+
+def _percent_of(part: Part, pose: Any, truth: FloatArray | None, number: int) -> float:
+    found = np.asarray(pose, dtype=np.float64) if np.shape(pose) == (4, 4) else None
+    if found is None or not np.isfinite(found).all():
+        raise Hint(
+            f"Frame {number}: return the pose cam_T_obj, a finite (4, 4) matrix, from start as well as from track."
+        )
+    assert truth is not None
+    percent = 100.0 * add_mm(part.vertices, found, truth) / part.diameter
+    if percent <= LARGEST_PERCENT:
+        return percent
+    if number < 3:
+        raise Hint(
+            f"Frame {number}: ADD is {percent:.0f}% of the diameter already. Check one step: does J times the step "
+            "have the sign of the residuals, and is the shift in mm, the turn in radians about the part's middle?"
+        )
+    raise Hint(
+        f"It held for {number} frames; in frame {number} ADD is {percent:.0f}%. Do you choose the visible edges anew "
+        "in each frame, predict, and let far candidates count less as the reach shrinks?"
+    )

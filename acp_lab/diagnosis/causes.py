@@ -91,8 +91,8 @@ def unreadable(reason: str) -> Finding:
 def few_edges(found_share: float, contrast: float, config: DiagnosisConfig) -> Finding | None:
     """Too few of the visible edges are found, or they are faint; contrast in grey levels per px."""
     advice = (
-        "more light, a shorter exposure or a sharper lens; SearchConfig.contrast lower, so that faint edges count, and "
-        "StateConfig.weak_below lower"
+        "more light, a shorter exposure or a sharper lens; --method acp, which sees colours, too; by --config "
+        "targets.search.contrast lower, so that faint edges count"
     )
     text = (
         f"{100.0 * found_share:.0f}% of the visible edges are found in the image, and the median contrast across them "
@@ -108,8 +108,8 @@ def occlusion(hidden_share: float, config: DiagnosisConfig) -> Finding | None:
         Cause.OCCLUSION,
         f"{100.0 * hidden_share:.0f}% of the visible edges, in one connected region, are missing or changed colour "
         "on both sides.",
-        "keep the view of the part free; StateConfig.patience bridges short occlusions, a higher "
-        "SampleLearning.learn_above keeps the tracker from learning the occluder",
+        "keep the view of the part free; by --config states.patience higher, which bridges short occlusions, and "
+        "learning.learn_above higher, which keeps the tracker from learning the occluder",
         hidden_share,
         config.hidden_share,
     )
@@ -121,8 +121,8 @@ def clutter(rivals_per_point: float, reach_px: int, config: DiagnosisConfig) -> 
         Cause.CLUTTER,
         f"on average {rivals_per_point:.1f} other strong image edges of the same direction lie within {reach_px} px of "
         "an edge point.",
-        "a plainer background; PixelSchedule.levels with a shorter reach_px, or MemoryConfig.grey_floor and "
-        "gradient_floor lower, so that the remembered look of an edge counts more",
+        "a plainer background; by --config schedule.levels with a shorter reach_px, or learning.memory.grey_floor "
+        "and learning.memory.gradient_floor lower, so that the remembered look of an edge counts more",
         rivals_per_point,
         config.rivals,
     )
@@ -134,8 +134,8 @@ def appearance(found_share: float, found_before: float, quality_kept: float, con
         Cause.APPEARANCE,
         f"{100.0 * found_share:.0f}% of the edges are found ({100.0 * found_before:.0f}% before), but they look "
         f"different: the quality of those edges fell to {100.0 * quality_kept:.0f}%.",
-        "steadier light; MemoryConfig.rate higher, so that the memory follows reflections, or gradient_floor and "
-        "grey_floor higher, so that it counts less",
+        "steadier light; by --config learning.memory.rate higher, so that the memory follows reflections, or "
+        "learning.memory.gradient_floor and learning.memory.grey_floor higher, so that it counts less",
         found_share / max(found_before, 1e-6) / max(quality_kept, 1e-6),
         config.likeness,
     )
@@ -147,8 +147,8 @@ def fast_motion(innovation_px: float, reach_px: int, config: DiagnosisConfig) ->
         Cause.FAST_MOTION,
         f"the part was {innovation_px:.0f} px from its predicted position; image edges are searched for within "
         f"{reach_px} px.",
-        f"more frames per second; PixelSchedule.levels[0].reach_px of at least {math.ceil(innovation_px)}, and "
-        "PictureSearch.reach larger, so that the part's last picture is found",
+        f"more frames per second; by --config schedule.levels, the first one's reach_px of at least "
+        f"{math.ceil(innovation_px)}, and sight.reach larger, so that the part's last picture is found",
         innovation_px,
         reach_px + config.recovery_px,
     )
@@ -162,7 +162,7 @@ def region_border(closeness: float, changes: int) -> Finding | None:
         Cause.REGION_BORDER,
         f"the view lies on the border of two view regions (the second scores {100.0 * closeness:.0f}% of the "
         f"first), and the region changed {changes} time{'s'[: changes != 1]} since the problem began.",
-        f"view_regions.HYSTERESIS (now {HYSTERESIS:g}) higher; prepare both regions: acp-lab prepare --regions all",
+        "prepare both regions: acp-lab prepare --regions all; a start that looks at the part from another side",
         closeness,
         1.0 / HYSTERESIS**2,
     )
@@ -173,8 +173,7 @@ def degenerate_points(opening: float, region: str, config: DiagnosisConfig) -> F
     return _below(
         Cause.DEGENERATE_POINTS,
         f"the control points are nearly collinear: their quad is {100.0 * opening:.0f}% as high as it is wide.",
-        f"another view of the part, or other control points: those of view region {region} are seen too obliquely "
-        "(a lower view_regions.HYSTERESIS changes the region sooner)",
+        f"another view of the part: the control points of view region {region} are seen too obliquely",
         opening,
         config.quad_opening,
     )

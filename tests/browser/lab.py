@@ -65,10 +65,20 @@ _LEFT_TO_RUN = """() => {
 @contextmanager
 def lab_server(folder: Path) -> Iterator[str]:
     """A JupyterLab on the loopback address that serves `folder`; its URL with the token, until the block ends."""
-    settings = folder / ".lab"
-    news = settings / "settings" / "@jupyterlab" / "apputils-extension" / "notification.jupyterlab-settings"
+    news = folder / ".lab" / "settings" / "@jupyterlab" / "apputils-extension" / "notification.jupyterlab-settings"
     news.parent.mkdir(parents=True)
     news.write_text(json.dumps(NO_NEWS))
+    command = [sys.executable, "-m", "jupyterlab", str(folder), "--no-browser", "--ip=127.0.0.1", "--port=0"]
+    command += [f"--IdentityProvider.token={uuid4().hex}", "--LabApp.expose_app_in_browser=True"]
+    command += ["--allow-root"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+    with server(command, folder) as (url, token):
+        yield f"{url}lab?token={token}"
+
+
+@contextmanager
+def server(command: list[str], folder: Path) -> Iterator[tuple[str, str]]:
+    """Run a Jupyter server whose settings are all below `folder`; its address and token, until the block ends."""
+    settings = folder / ".lab"
     environment = {
         **os.environ,
         "PYTHONPATH": str(PROJECT),
@@ -80,9 +90,6 @@ def lab_server(folder: Path) -> Iterator[str]:
         "IPYTHONDIR": str(settings / "ipython"),
         "JUPYTER_PREFER_ENV_PATH": "1",
     }
-    command = [sys.executable, "-m", "jupyterlab", str(folder), "--no-browser", "--ip=127.0.0.1", "--port=0"]
-    command += [f"--IdentityProvider.token={uuid4().hex}", "--LabApp.expose_app_in_browser=True"]
-    command += ["--allow-root"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     with (folder / "server.log").open("w") as log:
         process = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=subprocess.STDOUT)
         try:
@@ -92,14 +99,14 @@ def lab_server(folder: Path) -> Iterator[str]:
             process.wait(timeout=30.0)
 
 
-def _url(process: subprocess.Popen[bytes], runtime: Path, log: Path) -> str:
+def _url(process: subprocess.Popen[bytes], runtime: Path, log: Path) -> tuple[str, str]:
     """What the server writes down once it listens."""
     until = time.monotonic() + START_S
     while time.monotonic() < until and process.poll() is None:
         for path in runtime.glob("jpserver-*.json"):
             try:
                 told = json.loads(path.read_text())
-                return f"{told['url']}lab?token={told['token']}"
+                return told["url"], told["token"]
             except (ValueError, KeyError):
                 break  # half written
         time.sleep(0.1)

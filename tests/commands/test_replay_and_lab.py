@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import os
+import signal
+import socket
 import subprocess
 import sys
+import urllib.parse
+import urllib.request
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import acp_lab
-from acp_lab.commands.lab import notebooks_folder
-from acp_lab.commands.replay import without_telemetry
+from acp_lab.commands import course_copy, installation
+from acp_lab.commands.lab import SETTINGS, course_folder
+from acp_lab.commands.replay_web import address_in, without_telemetry
 from acp_lab.display.replay.file import check_replay
 from acp_lab.display.replay.recorder import Replay
 from tests.cli_runner import assert_one_error, run
@@ -157,18 +162,49 @@ def test_bad_replays(
 def test_without_a_display(capsys: pytest.CaptureFixture[str], replay: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert_one_error(run(capsys, "replay", replay), "display", "--web-viewer", "--mp4")
+    environment = {**os.environ, "PYTHONPATH": str(Path(acp_lab.__file__).parents[1])}
+    command = [sys.executable, "-m", "acp_lab", "replay", str(replay)]
+    # A group of its own, so that Ctrl-C can be sent to it, as a terminal does.
+    served = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        assert served.stdout is not None
+        assert "--mp4" in served.stdout.readline()
+        address = served.stdout.readline().strip()
+        pages = [word for word in (address, served.stdout.readline()) if "http" in word]
+        assert pages == [address], "one address, the one that shows the replay"
+        url = urllib.parse.urlsplit(address)
+        assert url.hostname == "127.0.0.1"
+        assert urllib.request.urlopen(f"http://{url.netloc}/").status == 200
+        data = urllib.parse.urlsplit(urllib.parse.parse_qs(url.query)["url"][0])
+        socket.create_connection((str(data.hostname), int(data.port or 0))).close()
+    finally:
+        served.send_signal(signal.SIGINT)
+    assert served.wait(timeout=30) == 130
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection((str(data.hostname), int(data.port or 0)))
 
 
-def test_lab_opens_the_notebooks(
+def test_the_address_of_the_page_that_shows_the_replay() -> None:
+    page = "http://127.0.0.1:90"
+    line = f"INFO Hosting a web-viewer at {page} - connect at {page}?url=rerun%2Bhttp%3A%2F%2Flocalhost%3A98%2Fproxy\n"
+    assert address_in(line) == f"{page}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A98%2Fproxy"
+    assert address_in(f"INFO Hosting a web-viewer at {page}") is None
+
+
+def test_lab_opens_the_first_notebook(
     capsys: pytest.CaptureFixture[str], started: list[tuple[list[str], dict[str, Any]]]
 ) -> None:
     assert run(capsys, "lab", "--no-browser").status == 0
     command, options = started[0]
-    assert str(notebooks_folder()) in command
+    root = course_folder(None)
+    assert str(root) in command
+    (opened,) = (word.partition("/lab/tree/")[2] for word in command if "default_url" in word)
+    assert (root / opened).is_file()
     assert "--ip=127.0.0.1" in command
     assert not any("token" in word for word in command)
     assert options["env"]["RERUN_NOTEBOOK_ASSET"] == "serve-local"
+    assert str(SETTINGS) in options["env"]["JUPYTER_CONFIG_PATH"]
+    assert (SETTINGS / "labconfig" / "default_setting_overrides.json").is_file()
 
 
 def test_lab_says_what_the_notebooks_would_lack(
@@ -187,4 +223,16 @@ def test_lab_without_notebooks(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(acp_lab, "__file__", str(tmp_path / "acp_lab" / "__init__.py"))
+    monkeypatch.setattr(course_copy, "shipped_files", lambda: {})
     assert_one_error(run(capsys, "lab"), "notebooks")
+
+
+def test_lab_in_a_checkout_copies_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert_one_error(run(capsys, "lab", tmp_path / "course"), "course", "checkout")
+    assert not (tmp_path / "course").exists()
+
+
+def test_advice_fits_how_it_was_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert "in the checkout" in installation.install_extra("step")
+    monkeypatch.setattr(acp_lab, "__file__", str(tmp_path / "acp_lab" / "__init__.py"))
+    assert installation.install_extra("step") == 'python -m pip install "acp_lab[step]"'

@@ -150,7 +150,7 @@ def prepare_again(dataset: Path, parts: Path) -> None:
         (remove_image, (), "scene 1, its images or camera differs"),
         (other_image, (), "scene 1, its images or camera differs"),
         (prepare_again, (), "the prepared part obj_000004 differs"),
-        (None, ("--method", "acp-fused"), "the method differs"),
+        (None, ("--method", "acp-edges"), "the method differs"),
         (None, ("--object", "1"), "object 4 differs"),
         (None, ("--init-noise-mm", "1"), "the start pose of object"),
     ],

@@ -8,7 +8,7 @@ import pytest
 from acp_lab.course.lesson_09 import unlabelled_runs
 from acp_lab.tracking.states import StateConfig, StateMachine
 from tests.course.grading import hints, passes
-from tests.prepared_sample import sample_model
+from tests.prepared_sample import sample_model, sample_scene
 
 RIGHT = {"A": "occlusion", "B": "focal length", "C": "bad start"}
 
@@ -68,3 +68,35 @@ def test_the_runs_show_what_the_hints_say() -> None:
     assert quality["A"][[10, 36]].min() > 1.25 * quality["A"][lowest]
     assert quality["B"][0] > 1.5 * quality["C"][0]
     assert quality["B"][0] == pytest.approx(quality["A"][0], abs=0.05)
+
+
+class Truth:
+    """A tracker that knows, for all that the grader asks of one."""
+
+    def __init__(self, part, last=99):  # type: ignore[no-untyped-def]
+        self.last = last
+
+    def start(self, frame, cam_T_obj):  # type: ignore[no-untyped-def]
+        return cam_T_obj
+
+    def track(self, frame):  # type: ignore[no-untyped-def]
+        return sample_scene().truth(min(frame.index, self.last), 1)
+
+
+def test_a_small_tracker() -> None:
+    assert "39 of 39 below 2%" in passes("09.3", Truth)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fragment"),
+    [
+        (Truth(None), "itself"),
+        (lambda part: 5, "no method start"),
+        (lambda part: Truth(part, last=0), "It held for"),
+        (type("Jumps", (Truth,), {"track": lambda self, frame: np.eye(4)}), "Frame 1: ADD is"),
+        (type("Short", (Truth,), {"track": lambda self, frame: np.eye(3)}), "(4, 4)"),
+        (type("Fails", (Truth,), {"track": lambda self, frame: 1 / 0}), "ZeroDivisionError"),
+    ],
+)
+def test_wrong_trackers(wrong, fragment: str) -> None:  # type: ignore[no-untyped-def]
+    hints("09.3", wrong, fragment)

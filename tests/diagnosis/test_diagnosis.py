@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import fields, is_dataclass, replace
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,8 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.method import ACP_EDGES, Method
+from acp_lab.tracking.method import ACP, ACP_EDGES
+from acp_lab.tracking.method_file import to_toml
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
@@ -122,7 +124,7 @@ def test_few_edges(model: PreparedPart, images: list[ByteImage], truth: list[Flo
     run = track(model, faint, truth)
     diagnosis = named(run if known else without_truth(run))
     assert diagnosis.causes[0] is Cause.FEW_EDGES
-    assert "SearchConfig.contrast" in diagnosis.findings[0].advice
+    assert "targets.search.contrast" in diagnosis.findings[0].advice
     assert diagnosis.onset == TROUBLE
 
 
@@ -241,7 +243,7 @@ def test_the_border_of_a_region(good: TrackRun, part: Part) -> None:
     run = replace(good, results={1: (*good.results[1][:TROUBLE], *swapping)})
     diagnosis = named(run)
     (finding,) = [finding for finding in diagnosis.findings if finding.cause is Cause.REGION_BORDER]
-    assert "HYSTERESIS" in finding.advice
+    assert "--regions all" in finding.advice
 
 
 def test_near_degenerate_control_points(good: TrackRun) -> None:
@@ -317,24 +319,19 @@ def test_a_part_turned_by_its_symmetry_is_right() -> None:
 
 
 def test_the_settings_that_advice_names_exist() -> None:
-    """What helps is said as Class.setting; every one is part of a method."""
-    named = set(re.findall(r"\b([A-Z][A-Za-z]*)\.([a-z_]+)", Path(causes.__file__).read_text(encoding="utf-8")))
-    of_method = dict(_settings(Method()))
-    asked = {(owner, name) for owner, name in named if owner not in ("Cause", "DiagnosisConfig")}
-    assert ("PictureSearch", "reach") in asked
-    for owner, name in asked:
-        assert name in of_method.get(owner, ()), f"{owner}.{name}"
-
-
-def _settings(config: object) -> Iterator[tuple[str, set[str]]]:
-    """All configuration classes inside a configuration, with the names of their settings."""
-    if isinstance(config, tuple):
-        for item in config:
-            yield from _settings(item)
-    elif is_dataclass(config):
-        yield type(config).__name__, {item.name for item in fields(config)}
-        for item in fields(config):
-            yield from _settings(getattr(config, item.name))
+    """What helps is said in options of the command line; those of --config are keys of a method's file."""
+    text = " ".join(Path(causes.__file__).read_text(encoding="utf-8").split())
+    method = tomllib.loads(to_toml(ACP))
+    named = set(re.findall(r"\b((?:targets|states|learning|schedule|sight)(?:\.[a-z_]+)+)", text))
+    assert {"targets.search.contrast", "sight.reach", "learning.memory.rate"} <= named
+    for key in named:
+        value = method
+        for word in key.split("."):
+            value = value[0] if isinstance(value, list) else value
+            assert word in value, key
+            value = value[word]
+    assert "reach_px" in method["schedule"]["levels"][0]
+    assert not re.search(r"\b[A-Z][A-Za-z]*(?:Config|Learning|Schedule|Tries)\.", text.partition("class Finding")[2])
 
 
 # ---- the measurements --------------------------------------------------------------------------------------------

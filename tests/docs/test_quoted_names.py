@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = (".", "docs", "benchmarks", "binder", "data_recipes", "notebooks")
 PAGES = [
     *(path for folder in FOLDERS for path in sorted((ROOT / folder).glob("*.md"))),
-    *(ROOT / "notebooks").rglob("[0-9][0-9]_*.ipynb"),
+    *(path for path in (ROOT / "notebooks").rglob("[0-9][0-9]_*.ipynb") if ".ipynb_checkpoints" not in path.parts),
 ]
 
 CODE = re.compile(r"^```.*?^```|`[^`\n]+`", re.MULTILINE | re.DOTALL)
@@ -38,7 +38,7 @@ def code_of(path: Path) -> str:
 
 def missing_files(path: Path) -> Iterator[str]:
     for link in LINK.findall(CODE.sub("", text_of(path))):
-        if "://" not in link and not (path.parent / link).exists():
+        if not OUTSIDE.match(link) and not (path.parent / link).exists():
             yield f"link {link}"
     code = code_of(path)
     for name in {*FILE.findall(code), *FOLDER.findall(code)}:
@@ -46,6 +46,9 @@ def missing_files(path: Path) -> Iterator[str]:
         if not MADE_UP.match(name) and not any((base / name).exists() for base in bases):
             yield name
 
+
+OUTSIDE = re.compile(r"\w+://|\.\./\.\./actions/")
+"""Links to elsewhere: addresses, and the page of the repository's checks, which is relative on its host."""
 
 MADE_UP = re.compile(r"(dataset|path|parts|out|course_files|bench|models|test|lab/tree|acp_lab/course/lesson_NN)\b")
 """How paths in examples begin: the reader's own files, addresses, patterns."""

@@ -253,4 +253,4 @@ def resumed_part(at: Workplace) -> str:
 @row("`--resume` with another method", "refused; the rows stay")
 def resumed_method(at: Workplace) -> str:
     cut_after(at, 2)
-    return at.refused(at.track("--resume", "--method", "acp-fused"), "the method")
+    return at.refused(at.track("--resume", "--method", "acp-edges"), "the method")

@@ -116,8 +116,8 @@ def notebook_viewer() -> Any:
             from rerun.notebook import Viewer
     except ImportError:
         raise AcpLabError(
-            "rerun's notebook viewer is not installed: run python -m pip install -e '.[notebook]' in the checkout "
-            "(make lab does), then restart the kernel"
+            'rerun\'s notebook viewer is not installed: run python -m pip install "acp_lab[notebook]" (in a checkout '
+            "make lab does it), then restart the kernel"
         ) from None
     return Viewer
 

@@ -1,0 +1,149 @@
+"""`acp-lab explain`: what was likely wrong in a frame of a finished run, in words and with a picture.
+
+The run is found by its results file. `results.run.json` beside it says what was tracked; a replay is found by the
+results file of the same folder that names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from acp_lab.errors import InputFileError
+
+if TYPE_CHECKING:
+    from acp_lab.cad.part import Part
+    from acp_lab.sequences.protocol import Sequence
+    from acp_lab.tracking.session import TrackRun
+    from acp_lab.tracking.states import StateConfig
+
+
+@dataclass(frozen=True)
+class ExplainOptions:
+    """What to explain. source: results.csv or FILE.rrd. frame: counted from 0, None for the most telling one."""
+
+    source: Path
+    frame: int | None = None
+    dataset: Path | None = None
+    scene: int | None = None
+    object_id: int | None = None
+    out: Path | None = None
+
+
+def explain_run(options: ExplainOptions) -> None:
+    """Print the explanation, and write its picture beside the results."""
+    from acp_lab.display.plots.diagnosis import explain
+
+    if options.out is not None and options.out.suffix.lower() != ".png":
+        raise InputFileError(f"{options.out}: --out writes PNG only: name it {options.out.with_suffix('.png').name}")
+    results = _results_file(options.source)
+    run = _run(results, options)
+    object_id = next(iter(run.results)) if options.object_id is None else options.object_id
+    frame = _most_telling(run, object_id) if options.frame is None else options.frame
+    explanation = explain(run, frame, object_id)
+    picture = options.out or results.with_name(f"{results.stem}.frame{explanation.diagnosis.frame}.png")
+    explanation.save(picture)
+    print(_verdict(run, object_id))
+    print(explanation)
+    print(f"{picture}: the picture")
+
+
+def _verdict(run: TrackRun, object_id: int) -> str:
+    """Whether the part was lost, since when, and what to do."""
+    from acp_lab.diagnosis.recorded_run import first_loss
+
+    results = run.results[object_id]
+    lost = first_loss(results)
+    if lost is None:
+        return f"Object {object_id} was never lost in {len(results)} frames."
+    return (
+        f"Object {object_id} is lost since frame {lost} (image {results[lost].frame_id}) of {len(results)}, start "
+        "again there: with a pose for that image, which notebook 10 sets with the mouse."
+    )
+
+
+def _most_telling(run: TrackRun, object_id: int) -> int:
+    """Where the first loss began, else the frame with the lowest quality."""
+    from acp_lab.diagnosis.recorded_run import first_loss
+
+    results = run.results[object_id]
+    lost = first_loss(results)
+    return min(range(len(results)), key=lambda number: results[number].quality) if lost is None else lost
+
+
+def _results_file(source: Path) -> Path:
+    """The results file itself, or the one beside a replay whose run wrote both."""
+    from acp_lab.display.replay.file import check_replay
+
+    if source.suffix.lower() != ".rrd":
+        return source
+    check_replay(source)
+    for path in sorted(source.resolve().parent.glob("*.run.json")):
+        options = _run_info(path).get("options", {})
+        if options.get("replay") and Path(options["replay"]).name == source.name:
+            return path.with_name(path.name.removesuffix(".run.json") + ".csv")
+    raise InputFileError(
+        f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
+        "folder (acp-lab track --out results.csv --replay run.rrd)"
+    )
+
+
+def _run(results: Path, options: ExplainOptions) -> TrackRun:
+    from acp_lab.diagnosis.recorded_run import run_from_rows
+    from acp_lab.sequences.results_csv import read_results, run_info_path
+
+    rows = read_results(results)
+    if not rows:
+        raise InputFileError(f"{results}: holds no rows: nothing was tracked")
+    scene_id = rows[0].scene_id if options.scene is None else options.scene
+    ids = {row.obj_id for row in rows if row.scene_id == scene_id}
+    if not ids:
+        raise InputFileError(f"{results}: no row of scene {scene_id}: there are {sorted({r.scene_id for r in rows})}")
+    if options.object_id is not None and options.object_id not in ids:
+        raise InputFileError(
+            f"{results}: no row of object {options.object_id} in scene {scene_id}: there are {sorted(ids)}"
+        )
+    info_path = run_info_path(results)
+    info = _run_info(info_path) if info_path.is_file() else {}
+    sequence, parts = _tracked(results, info, options.dataset, scene_id, ids)
+    return run_from_rows(rows, sequence, parts, str(info.get("method", "unknown")), _states(info))
+
+
+def _states(info: Mapping[str, Any]) -> StateConfig:
+    """The run's own limits between tracking, weak and lost; the usual ones where they are not told."""
+    from acp_lab.tracking.states import StateConfig
+
+    told = (info.get("configuration") or {}).get("states") or {}
+    return StateConfig(**{item.name: told[item.name] for item in fields(StateConfig) if item.name in told})
+
+
+def _tracked(
+    results: Path, info: Mapping[str, Any], dataset: Path | None, scene_id: int, ids: set[int]
+) -> tuple[Sequence, dict[int, Part]]:
+    """The images and the parts that a run saw."""
+    from acp_lab.cad.part import Part
+    from acp_lab.geometry.camera import Camera
+    from acp_lab.sequences import open_images
+    from acp_lab.sequences.bop import BopDataset
+
+    tracked, folder = info.get("options") or {}, Path(str(info.get("folder", ".")))
+    if dataset is None and tracked.get("video"):
+        mesh, camera, video = (folder / str(tracked[name]) for name in ("mesh", "camera", "video"))
+        return open_images(video, Camera.from_json(camera)), {1: Part.from_file(mesh)}
+    if dataset is None and tracked.get("dataset"):
+        dataset = folder / str(tracked["dataset"])
+    if dataset is None:
+        raise InputFileError(
+            f"{results}: nothing beside it says what was tracked: name the data set with --dataset DIR"
+        )
+    opened = BopDataset(dataset)
+    scene = opened.open_scene(scene_id, str(tracked.get("split", "test")))
+    return scene, {object_id: opened.part(object_id) for object_id in sorted(ids)}
+
+
+def _run_info(path: Path) -> Mapping[str, Any]:
+    from acp_lab.input_file import read_json_object
+
+    return read_json_object(path, "it is written by acp-lab track; name the data set with --dataset DIR instead")

@@ -1,0 +1,33 @@
+"""`acp-lab lab` as its user meets it: the first notebook, nothing in front of it, and links that work."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from tests.browser.lab import CHROMIUM_FLAGS, server
+
+
+def test_lab_opens_the_first_notebook_and_its_links(chromium: str, tmp_path: Path) -> None:
+    from playwright.sync_api import sync_playwright
+
+    shots = Path(os.environ.get("ACP_SCREENSHOTS", tmp_path))
+    command = [sys.executable, "-m", "acp_lab", "lab", "--no-browser"]
+    with server(command, tmp_path) as (url, token), sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+        page = browser.new_page(viewport={"width": 1400, "height": 900})
+        page.set_default_timeout(120_000)
+        page.goto(f"{url}?token={token}")
+        page.locator(".jp-NotebookPanel h1", has_text="Start here").wait_for()
+        page.wait_for_timeout(3000)  # the news come seconds after the page
+        page.screenshot(path=shots / "lab_first.png")
+        assert page.locator(".Toastify__toast, .jp-Dialog").count() == 0
+        page.locator(".jp-NotebookPanel a", has_text="glossary").first.click()
+        glossary = page.locator(".jp-MarkdownViewer h1", has_text="Glossary")
+        glossary.wait_for()
+        page.screenshot(path=shots / "lab_glossary.png")
+        # A link between documents of docs/, and one from a document into the notebooks.
+        page.locator(".jp-MarkdownViewer:visible a[href]", has_text="conventions").first.click()
+        page.locator(".jp-MarkdownViewer h1", has_text="Conventions").wait_for()
+        browser.close()

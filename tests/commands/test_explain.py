@@ -1,0 +1,83 @@
+"""`acp-lab explain`: from results and replays, for runs that lost the part and runs that did not, and bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from acp_lab.display.replay.recorder import Replay
+from acp_lab.sample import sample_dataset
+from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
+from tests.cli_runner import assert_one_error, run
+from tests.display.made_run import play
+from tests.prepared_sample import sample_scene
+
+LOSS = 12
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """The sample's truth, until the part stays behind in frame LOSS: what a run that lost it writes."""
+    path, scene = tmp_path / "results.csv", sample_scene()
+    info = {
+        "folder": str(tmp_path),
+        "method": "acp",
+        "options": {"dataset": str(sample_dataset()), "replay": "run.rrd"},
+    }
+    with ResultsWriter(path, info) as writer:
+        for number, frame_id in enumerate(scene.frame_ids):
+            pose = scene.truth(min(frame_id, scene.frame_ids[LOSS - 1]), 1)
+            assert pose is not None
+            writer.append(ResultRow(1, frame_id, 1, 0.55 if number < LOSS else 0.05, pose))
+    return path
+
+
+def test_a_loss_says_where_to_start_again(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    outcome = run(capsys, "explain", results)
+    assert (outcome.status, outcome.err) == (0, "")
+    first, second, *_ = outcome.out.splitlines()
+    assert f"lost since frame {LOSS} (image {LOSS}) of 40, start again there" in first
+    assert second.startswith(f"Frame {LOSS} (image {LOSS}), object 1: weak, quality 0.05, 0.55 in the good frames")
+    picture = results.with_name(f"results.frame{LOSS}.png")
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    assert str(picture) in outcome.out
+
+
+def test_a_frame_of_choice(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:
+    outcome = run(capsys, "explain", results, "--frame", "5", "--out", tmp_path / "five.png")
+    assert outcome.status == 0
+    assert "Frame 5 (image 5), object 1: tracking" in outcome.out
+    assert "ADD 0.0% of the diameter" in outcome.out
+    assert (tmp_path / "five.png").is_file()
+
+
+def test_a_replay_is_explained_by_the_results_beside_it(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    play([Replay(results.with_name("run.rrd")), Replay(results.with_name("other.rrd"))])
+    assert f"lost since frame {LOSS}" in run(capsys, "explain", results.with_name("run.rrd")).out
+    assert_one_error(run(capsys, "explain", results.with_name("other.rrd")), "other.rrd", "results.csv")
+
+
+def test_results_whose_data_set_is_not_told(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    results.with_name("results.run.json").unlink()
+    assert_one_error(run(capsys, "explain", results), "results.csv", "--dataset")
+    outcome = run(capsys, "explain", results, "--dataset", sample_dataset())
+    assert outcome.status == 0
+    assert f"lost since frame {LOSS}" in outcome.out
+
+
+def test_the_limits_of_the_states_are_the_run_s_own(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    info = results.with_name("results.run.json")
+    told = json.loads(info.read_text())
+    info.write_text(json.dumps({**told, "configuration": {"states": {"weak_below": 0.02, "lost_below": 0.01}}}))
+    assert "never lost in 40 frames" in run(capsys, "explain", results).out
+
+
+def test_bad_input(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:
+    assert_one_error(run(capsys, "explain", results, "--frame", "40"), "no frame 40", "40")
+    assert_one_error(run(capsys, "explain", results, "--scene", "2"), "scene 2")
+    assert_one_error(run(capsys, "explain", results, "--object", "7"), "object 7")
+    assert_one_error(run(capsys, "explain", results, "--out", results), "--out", "PNG")
+    assert_one_error(run(capsys, "explain", tmp_path / "none.csv"), "none.csv")
+    assert_one_error(run(capsys, "explain", tmp_path / "none.rrd"), "none.rrd")
