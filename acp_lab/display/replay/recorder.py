@@ -73,7 +73,8 @@ class Replay:
         self._images: ImageWriter | None = None
         self._log: RunLog | None = None
         self._budget = SizeBudget(1e6 * most_mb)
-        self._frames, self._frames_in_all, self._sent_before = 0, frames, 0
+        self._frames, self._frames_in_all = 0, frames
+        self._sent_before, self._sent_in_file = 0, -1
         self._failure: RuntimeError | None = None
         self._lock = ExitStack()
 
@@ -147,13 +148,14 @@ class Replay:
     def _spend(self, log: RunLog) -> None:
         """See what the file takes by now, and drop what it has no room for."""
         assert self._images is not None
-        if self._frames == 1:
-            self._recording.flush(timeout_sec=FLUSH_S)  # what is logged once is in the file then
+        sent = self._sent_before + log.sent
+        if sent != self._sent_in_file:  # or the first frame: then what is logged once arrives
+            self._recording.flush(timeout_sec=FLUSH_S)
+            self._sent_in_file = sent
         data_bytes = max(0, self.path.stat().st_size - self._images.sent_bytes)
         before = self._budget.told
         in_all = self._frames_in_all or (self._session.frame_count if self._sessions == 1 else 0)
         frames_left = in_all - self._frames if in_all else None
-        sent = self._sent_before + log.sent
         self._budget.spend(self._frames, sent, data_bytes, self._images.expected_bytes, frames_left)
         if self._budget.told != before:
             log.drop_images()
