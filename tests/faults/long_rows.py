@@ -178,11 +178,11 @@ def long_run(at: Workplace) -> str:
     return "memory within 5%, time flat"
 
 
-@row(f"{FRAMES} frames with a replay", f"memory within 5% of that after {2 * SETTLED} frames", is_long=True)
+@row(f"{FRAMES} frames with a replay", f"memory within a tenth of that after {2 * SETTLED} frames", is_long=True)
 def long_replay(at: Workplace) -> str:
     memory_mb, _ = gauged(at, at.folder / "long.rrd")
-    assert memory_mb[1:].max() < 1.05 * memory_mb[1], memory_mb
-    return "memory within 5%"
+    assert memory_mb[1:].max() < 1.1 * memory_mb[1], memory_mb
+    return "memory within a tenth"
 
 
 @row("a million loose triangles", "prepared, in less than a gigabyte", is_long=True)
