@@ -177,8 +177,9 @@ def track(
     init: Annotated[
         str | None,
         typer.Option(
-            help="Start poses: gt (the first frame's truth) or a results file; with --video a POSE.json.",
-            metavar="gt|FILE",
+            help="Start poses: gt (the first frame's truth), auto (found in the images) or a results file; "
+            "with --video auto or a POSE.json.",
+            metavar="gt|auto|FILE",
         ),
     ] = None,
     init_noise_deg: Annotated[

@@ -122,7 +122,7 @@ def detect_parts(options: DetectOptions) -> None:
                     console.warn(f"image {frame.index}: {frame.reason}: left out")
                     continue
                 frames += 1
-                drawn = list[tuple[PreparedPart, tuple[Detection, ...]]]()
+                drawn: list[tuple[PreparedPart, tuple[Detection, ...]]] = []
                 for object_id, model in job.models.items():
                     begin = time.perf_counter()
                     detections = finders[model.part.name].find(frame, options.top)

@@ -29,13 +29,13 @@ class DetectionConfig:
     turns: int = 24
     depth_step: float = 1.15
     scan_px: float = 64.0
-    search_px: float = 128.0
-    features: int = 48
+    search_px: float = 100.0
+    features: int = 40
     spread_px: float = 4.0
     length_power: float = 0.35
-    starts: int = 2500
+    starts: int = 2000
     kept: tuple[int, ...] = (800, 300)
-    verified: int = 200
+    verified: int = 120
 
     def __post_init__(self) -> None:
         near, far = self.depth_mm

@@ -62,6 +62,10 @@ class Detector:
         self.config = config or DetectionConfig()
         self._caster: RayCaster = make_caster(part)
 
+    def prepare(self) -> None:
+        """Make all of it now instead of when it is first asked for."""
+        _ = self.fine_views, self.templates, self.groups
+
     @cached_property
     def views(self) -> Views:
         """Those that are scanned."""

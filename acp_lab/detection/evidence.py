@@ -50,7 +50,7 @@ class Evidence:
 
     @property
     def features(self) -> FloatArray:
-        """(9,) what the score is made of."""
+        """(8,) what the score is made of."""
         return np.array(
             [
                 1.0,
@@ -61,17 +61,21 @@ class Evidence:
                 self.margin,
                 np.log(max(self.length, 0.1)),
                 np.log(self.size_px / 100.0),
-                self.over_chance * np.log(max(self.length, 0.1)),
             ]
         )
 
     @property
+    def log_odds(self) -> float:
+        """For the pose against nothing, see WEIGHTS; between -30 and 30."""
+        return float(np.clip(self.features @ WEIGHTS, -30.0, 30.0))
+
+    @property
     def score(self) -> float:
-        """In [0, 1]: the probability that the pose is right, see WEIGHTS."""
-        return float(1.0 / (1.0 + np.exp(-np.clip(self.features @ WEIGHTS, -30.0, 30.0))))
+        """In [0, 1]: the probability that the pose is right, if it is the only one in question."""
+        return float(1.0 / (1.0 + np.exp(-self.log_odds)))
 
 
-WEIGHTS = np.array([-9.0, 3.0, 2.0, 6.0, 3.0, 1.0, 1.0, 0.5, 0.0])
+WEIGHTS = np.array([-24.8, 9.95, 0.83, 16.27, -2.3, 6.74, 5.45, 1.43])
 """Of a logistic regression of right poses (ADD below 10%) against wrong ones; see docs/detection.md."""
 
 

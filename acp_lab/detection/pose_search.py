@@ -21,6 +21,8 @@ from acp_lab.geometry.camera import Camera
 MAP_BINS = 16
 _MAP_STEP = 1.25
 """Ratio of neighbouring maps' scales."""
+_MOST_MAP_PIXELS = 400_000
+"""In a large image a part far away is searched at a coarser scale than `search_px` asks for: time stays bounded."""
 _PX_PER_BIN = 1.5
 """What an edge turned by one bin is away, in px of the map."""
 ZERO_LEVEL = 64
@@ -41,7 +43,7 @@ class Round:
     halvings: int
 
 
-ROUNDS = (Round(8.0, 6.0, 0.04, 0.05, 2), Round(5.0, 4.0, 0.02, 0.03, 3), Round(4.0, 2.0, 0.01, 0.015, 3))
+ROUNDS = (Round(8.0, 6.0, 0.04, 0.05, 2), Round(4.0, 4.0, 0.02, 0.03, 3), Round(4.0, 2.0, 0.01, 0.015, 3))
 
 
 class DistanceMaps:
@@ -59,8 +61,10 @@ class DistanceMaps:
 
     def level(self, depths: FloatArray) -> IntArray:
         """The number of the map for parts at depths (n,) mm; 0 is the full image."""
-        scale = self.search_px * depths / (self.focal_px * self._diameter)
-        return np.rint(np.log(np.minimum(scale, 1.0)) / np.log(_MAP_STEP)).astype(np.int64)
+        height, width = self._image.shape[:2]
+        most = min(1.0, float(np.sqrt(_MOST_MAP_PIXELS / (width * height))))
+        scale = np.minimum(self.search_px * depths / (self.focal_px * self._diameter), most)
+        return np.rint(np.log(scale) / np.log(_MAP_STEP)).astype(np.int64)
 
     def scaled(self, level: int) -> tuple[float, Float32Array]:
         """Scale of a level, and distances (bins, h, w) px by direction."""

@@ -27,8 +27,8 @@ _NEIGHBOUR_SHARE = 0.6
 _LOCAL_MEAN_SHARE = 0.6
 """Not all of it: the part itself is in its surroundings."""
 _UNITS = 100.0
-LARGEST_SCALE = 1.5
-"""A part that appears smaller than scan_px / 1.5 has too few pixels to be told from others."""
+LARGEST_SCALE = 1.05
+"""A part that appears smaller than scan_px has too few pixels to be told from others."""
 
 
 @dataclass(frozen=True, eq=False)

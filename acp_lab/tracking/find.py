@@ -6,7 +6,7 @@ image is asked again what it says of the poses that come out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +18,14 @@ from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.method import ACP
+from acp_lab.tracking.method import method_named
 from acp_lab.tracking.search import WIDE_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
 
-ACCEPTED = 0.5
+ACCEPTED = 0.9
 """From this score on a hypothesis counts as found."""
 ALIGNED = 12
+_RIVALS = 8
 _MARGIN_PX = 40.0
 _SAME_SHARE = 0.1
 """Of the diameter: poses whose points are no further apart are one hypothesis."""
@@ -55,10 +56,14 @@ class Finder:
         """PreparationError when the part has neither templates nor visibility networks."""
         self.model = model
         self.detector = Detector(model.part, model.best_generator(), config)
-        self._solver = FrameSolver(model, ACP)
+        self._solver = FrameSolver(model, method_named("acp-edges"))
         vertices = model.part.vertices
         self._points_obj = vertices[:: max(1, len(vertices) // 200)]
         self._turns = model.part.symmetries.transforms()
+
+    def prepare(self) -> None:
+        """Make the templates now, half a second, instead of at the first frame."""
+        self.detector.prepare()
 
     def find(self, frame: Frame, top: int = 3) -> tuple[Detection, ...]:
         """Up to `top` hypotheses that differ, the best first; () when nothing resembles the part."""
@@ -70,8 +75,10 @@ class Finder:
             evidence = None if pose is None else look.witness.look(pose)
             if pose is not None and evidence is not None:
                 aligned.append(Candidate(pose, evidence))
-        best = self._distinct(sorted(aligned, key=lambda c: -c.score), top)
-        return tuple(Detection(c.cam_T_obj, c.score, c.view_obj) for c in best)
+        best = self._distinct(sorted(aligned, key=lambda c: -c.evidence.log_odds), max(top, _RIVALS))
+        return tuple(
+            Detection(c.cam_T_obj, score, c.view_obj) for c, score in zip(best[:top], shared_scores(best), strict=False)
+        )
 
     def _align(self, frame: Frame, pose: FloatArray) -> FloatArray | None:
         """The pose that the tracker's solver makes of one; None where it left the part or saw too little."""
@@ -99,6 +106,16 @@ class Finder:
                 kept.append(candidate)
                 places.append(transform(candidate.cam_T_obj, self._points_obj))
         return kept
+
+
+def shared_scores(candidates: Sequence[Candidate]) -> list[float]:
+    """In [0, 1] each: the probability that this one is right and none of the others.
+
+    The part is in one place only. Where two poses fit about equally, as with a part that looks nearly the same from
+    the other side, neither is sure, however well it fits.
+    """
+    odds = np.exp([candidate.evidence.log_odds for candidate in candidates])
+    return [float(one) for one in odds / (1.0 + odds.sum())]
 
 
 def detect(
