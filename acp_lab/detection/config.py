@@ -30,12 +30,12 @@ class DetectionConfig:
     depth_step: float = 1.15
     scan_px: float = 64.0
     search_px: float = 100.0
-    features: int = 40
+    features: int = 48
     spread_px: float = 4.0
     length_power: float = 0.35
-    starts: int = 2000
+    starts: int = 2500
     kept: tuple[int, ...] = (800, 300)
-    verified: int = 120
+    verified: int = 180
 
     def __post_init__(self) -> None:
         near, far = self.depth_mm
