@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from acp_lab.preparation import prepare
     from acp_lab.prepared_part import PreparedPart, PrepareOptions
     from acp_lab.sequences import open_sequence
+    from acp_lab.tracking.find import Detection, detect
     from acp_lab.tracking.method import METHODS, Method
     from acp_lab.tracking.results_file import ResultsFile
     from acp_lab.tracking.snap import snap
@@ -41,6 +42,7 @@ __all__ = [
     "METHODS",
     "AcpLabError",
     "Camera",
+    "Detection",
     "Method",
     "Part",
     "PoseAligner",
@@ -50,6 +52,7 @@ __all__ = [
     "ResultsFile",
     "Tracker",
     "__version__",
+    "detect",
     "evaluate",
     "explain",
     "open_sequence",
@@ -60,6 +63,7 @@ __all__ = [
 
 _HOME = {
     "Camera": "acp_lab.geometry.camera",
+    "Detection": "acp_lab.tracking.find",
     "METHODS": "acp_lab.tracking.method",
     "Method": "acp_lab.tracking.method",
     "Part": "acp_lab.cad.part",
@@ -69,6 +73,7 @@ _HOME = {
     "Replay": "acp_lab.display.replay.recorder",
     "ResultsFile": "acp_lab.tracking.results_file",
     "Tracker": "acp_lab.tracking.tracker",
+    "detect": "acp_lab.tracking.find",
     "evaluate": "acp_lab.evaluation",
     "explain": "acp_lab.display.plots.diagnosis",
     "open_sequence": "acp_lab.sequences",

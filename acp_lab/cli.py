@@ -177,8 +177,9 @@ def track(
     init: Annotated[
         str | None,
         typer.Option(
-            help="Start poses: gt (the first frame's truth) or a results file; with --video a POSE.json.",
-            metavar="gt|FILE",
+            help="Start poses: gt (the first frame's truth), auto (found in the images) or a results file; "
+            "with --video auto or a POSE.json.",
+            metavar="gt|auto|FILE",
         ),
     ] = None,
     init_noise_deg: Annotated[
@@ -232,6 +233,43 @@ def track(
     from acp_lab.commands.track_run import track_parts
 
     track_parts(options)
+
+
+@app.command()
+def detect(
+    source: Annotated[
+        Path, typer.Argument(help="A data set in the BOP layout, or one image.", metavar="DATASET|IMAGE")
+    ],
+    *,
+    parts: PartsDir,
+    out: Annotated[
+        Path, typer.Option(help="The hypotheses, best first; a picture goes beside it.", metavar="FILE.csv")
+    ],
+    split: Annotated[str, typer.Option(help="The data set's folder of scenes.")] = "test",
+    scene: Annotated[
+        list[int] | None,
+        typer.Option(min=0, help="A scene to look at, repeatable; all by default.", metavar="N"),
+    ] = None,
+    step: Annotated[int, typer.Option(min=1, help="Look at every N-th frame.", metavar="N")] = 1,
+    top: Annotated[int, typer.Option(min=1, help="Hypotheses per frame and object, at most.", metavar="K")] = 3,
+    depth_mm: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Nearest and farthest distance of the part; 250 to 1200 mm.", metavar="MIN MAX"),
+    ] = None,
+    camera: Annotated[Path | None, typer.Option(help="With an image: its camera.", metavar="CAMERA.json")] = None,
+    mesh: Annotated[
+        Path | None,
+        typer.Option(help="With an image: the part; by default the only one in PARTS_DIR.", metavar="MESH"),
+    ] = None,
+    threads: Annotated[int, typer.Option(min=1, help="CPU threads.", metavar="N")] = 1,
+) -> None:
+    """Find prepared parts without a first pose: ranked hypotheses for each frame."""
+    from acp_lab.commands.machine import limit_threads
+
+    limit_threads(threads)  # before NumPy is imported
+    from acp_lab.commands.detect import DetectOptions, detect_parts
+
+    detect_parts(DetectOptions(source, parts, out, camera, mesh, split, tuple(scene or ()), step, top, depth_mm))
 
 
 @app.command("eval")

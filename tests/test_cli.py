@@ -15,7 +15,7 @@ from acp_lab.commands import console
 from acp_lab.errors import AcpLabError
 from tests.cli_runner import assert_one_error, run
 
-COMMANDS = ("demo", "prepare", "track", "eval", "replay", "methods", "doctor", "lab")
+COMMANDS = ("demo", "prepare", "track", "detect", "eval", "replay", "methods", "doctor", "lab")
 HEAVY = ("torch", "kornia", "rerun", "matplotlib", "pyrender", "cv2", "scipy", "trimesh", "numpy")
 
 

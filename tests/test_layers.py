@@ -23,6 +23,7 @@ LAYERS = (
     ("sequences",),
     ("control_points",),
     ("generator",),
+    ("detection",),
     ("prepared_part",),
     ("preparation",),
     ("tracking",),

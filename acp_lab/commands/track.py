@@ -17,7 +17,7 @@ from acp_lab.errors import AcpLabError, InputFileError, SequenceError
 if TYPE_CHECKING:
     from acp_lab.geometry.arrays import FloatArray
     from acp_lab.prepared_part import PreparedPart
-    from acp_lab.sequences.bop import BopDataset
+    from acp_lab.sequences.bop import BopDataset, BopScene
     from acp_lab.sequences.protocol import Sequence
 
 DEFAULT_METHOD = "acp"
@@ -101,7 +101,7 @@ class TrackOptions:
     def _check_outputs(self) -> None:
         from acp_lab.sequences.results_csv import run_info_path
 
-        inputs = [Path(self.init)] if self.init not in (None, "gt") else []
+        inputs = [Path(self.init)] if self.init not in (None, "gt", "auto") else []
         inputs += [path for path in (self.video, self.mesh, self.camera, self.config) if path is not None]
         outputs = [("--out", self.out)] + ([("--replay", self.replay)] if self.replay is not None else [])
         for option, path in outputs:
@@ -180,6 +180,8 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
     dataset = BopDataset(options.dataset)
     ids = dict.fromkeys(options.scenes or dataset.scenes(options.split))
     scenes = [dataset.open_scene(scene_id, options.split) for scene_id in ids]
+    if options.init == "auto":
+        return _found_jobs(options, dataset, scenes, shelf)
     starts = {scene.scene_id: _start_poses(options, scene) for scene in scenes}
     jobs = []
     for scene in scenes:
@@ -198,6 +200,8 @@ def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob
     assert options.camera is not None
     assert options.init is not None
     sequence = open_images(video, Camera.from_json(options.camera))
+    if options.init == "auto":
+        return _job_found(options, sequence, {1: options.mesh}, shelf)[0]
     init = Path(options.init)
     if init.suffix.lower() == ".csv":
         poses = start_poses(init, sequence.scene_id, 0)
@@ -207,6 +211,31 @@ def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob
     else:
         starts = {1: read_pose(init)}
     return _job(options, sequence, {1: options.mesh}, starts, shelf)
+
+
+def _found_jobs(
+    options: TrackOptions, dataset: BopDataset, scenes: list[BopScene], shelf: PartShelf
+) -> tuple[SceneJob, ...]:
+    """Jobs whose start poses are found in the images; of the truth only the ids of the objects are asked for."""
+    wanted = {scene.scene_id: dict.fromkeys(scene.object_ids or dataset.models()) for scene in scenes}
+    _check_all_found(options.objects, wanted.values())
+    jobs = list[SceneJob]()
+    for scene in scenes:
+        chosen = [i for i in wanted[scene.scene_id] if not options.objects or i in options.objects]
+        jobs += _job_found(options, scene, _meshes(dataset, chosen), shelf)
+    return tuple(jobs)
+
+
+def _job_found(
+    options: TrackOptions, sequence: Sequence, meshes: Mapping[int, Path], shelf: PartShelf
+) -> list[SceneJob]:
+    from acp_lab.commands.auto_start import LaterStart, find_starts
+
+    models = {object_id: shelf.part(mesh) for object_id, mesh in meshes.items()}
+    return [
+        _job(options, LaterStart(sequence, start.frame_id), {i: meshes[i] for i in start.poses}, start.poses, shelf)
+        for start in find_starts(sequence, models)
+    ]
 
 
 def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatArray]:
@@ -229,7 +258,7 @@ def _chosen(objects: tuple[int, ...], starts: Mapping[int, FloatArray]) -> dict[
     return {i: pose for i, pose in sorted(starts.items()) if not objects or i in objects}
 
 
-def _check_all_found(objects: tuple[int, ...], starts: Iterable[Mapping[int, FloatArray]]) -> None:
+def _check_all_found(objects: tuple[int, ...], starts: Iterable[Iterable[int]]) -> None:
     known = sorted({object_id for poses in starts for object_id in poses})
     for object_id in objects:
         if object_id not in known:

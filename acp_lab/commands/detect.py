@@ -1,0 +1,237 @@
+"""`acp-lab detect`: hypotheses of where parts are, in a data set or one image, as results and as a picture."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from acp_lab.commands import console, interrupt
+from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own
+from acp_lab.errors import AcpLabError, InputFileError, PreparationError, SequenceError
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+
+if TYPE_CHECKING:
+    from acp_lab.geometry.arrays import ByteImage
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences.bop import BopDataset, BopScene
+    from acp_lab.tracking.find import Detection
+
+PICTURE_START = b"\x89PNG"
+_PICTURES = 12
+"""Frames that the picture shows at most, evenly spread."""
+_PICTURE_WIDTH = 640
+_COLOURS = ((0, 200, 0), (255, 150, 0), (220, 0, 200))
+
+
+@dataclass(frozen=True)
+class DetectOptions:
+    """What to find, and where: the one argument of `acp-lab detect`.
+
+    Attributes:
+        source: a data set in the BOP layout, or one image.
+        camera: of the image, as a file; mesh: the part in the image, by default the only one in `parts`.
+        scenes: of the data set; empty means all. step: every so manyth frame.
+        top: hypotheses per frame and object at most. depth_mm: nearest and farthest.
+
+    Raises:
+        AcpLabError: options that contradict each other, or a file that cannot be written.
+    """
+
+    source: Path
+    parts: Path
+    out: Path
+    camera: Path | None = None
+    mesh: Path | None = None
+    split: str = "test"
+    scenes: tuple[int, ...] = ()
+    step: int = 1
+    top: int = 3
+    depth_mm: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.depth_mm is not None:
+            near, far = self.depth_mm
+            if not (math.isfinite(near) and math.isfinite(far) and 0.0 < near <= far):
+                raise AcpLabError(f"--depth-mm {near:g} {far:g}: give two distances, 0 < nearest <= farthest")
+        if not self.source.exists():
+            raise InputFileError(f"{self.source}: no such data set or image: check the path")
+        if self.is_image:
+            if self.camera is None:
+                raise AcpLabError(f"{self.source}: an image needs its camera: give --camera CAMERA.json")
+            if self.scenes:
+                raise SequenceError(f"--scene {self.scenes[0]}: an image has no scenes: leave it out")
+        else:
+            for name, path in (("camera", self.camera), ("mesh", self.mesh)):
+                if path is not None:
+                    raise AcpLabError(f"--{name} {path}: only goes with an image: leave it out")
+        for path, start, kind in ((self.out, HEADER_START, "results"), (self.picture, PICTURE_START, "a picture")):
+            if path.is_dir():
+                raise InputFileError(f"{path}: is a folder: --out needs a file name")
+            if path.resolve() in {p.resolve() for p in (self.source, self.camera, self.mesh) if p is not None}:
+                raise InputFileError(f"{path}: --out would overwrite an input: choose another file")
+            check_replaces_own(path, start, "--out", kind)
+
+    @property
+    def is_image(self) -> bool:
+        """Whether the source is one image."""
+        return self.source.is_file()
+
+    @property
+    def picture(self) -> Path:
+        """The picture beside the results."""
+        return self.out.with_suffix(".png")
+
+
+@dataclass(frozen=True, eq=False)
+class DetectJob:
+    """The frames of one scene, and the parts to look for by object id."""
+
+    scene_id: int
+    frames: Iterable[Frame | UnreadableFrame]
+    models: Mapping[int, PreparedPart]
+
+
+def detect_parts(options: DetectOptions) -> None:
+    """Find the parts, write results and picture, and print one line per object and scene."""
+    from acp_lab.detection.config import DetectionConfig
+    from acp_lab.files import write_whole
+    from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
+    from acp_lab.tracking.find import Finder
+
+    jobs = _image_jobs(options) if options.is_image else _scene_jobs(options)
+    config = None if options.depth_mm is None else DetectionConfig(depth_mm=options.depth_mm)
+    finders = {
+        model.part.name: Finder(model, config)
+        for model in {m.part.name: m for j in jobs for m in j.models.values()}.values()
+    }
+    tiles = list[np.ndarray]()
+    with ResultsWriter(options.out) as writer:
+        for job in jobs:
+            found = dict.fromkeys(job.models, 0)
+            frames = 0
+            for frame in job.frames:
+                interrupt.check()
+                if isinstance(frame, UnreadableFrame):
+                    console.warn(f"image {frame.index}: {frame.reason}: left out")
+                    continue
+                frames += 1
+                drawn: list[tuple[PreparedPart, tuple[Detection, ...]]] = []
+                for object_id, model in job.models.items():
+                    begin = time.perf_counter()
+                    detections = finders[model.part.name].find(frame, options.top)
+                    time_s = time.perf_counter() - begin
+                    for one in detections:
+                        writer.append(ResultRow(job.scene_id, frame.index, object_id, one.score, one.cam_T_obj, time_s))
+                    found[object_id] += bool(detections) and detections[0].is_accepted
+                    drawn.append((model, detections))
+                if len(tiles) < _PICTURES:
+                    tiles.append(_tile(frame, drawn, f"scene {job.scene_id}, image {frame.index}"))
+            for object_id, count in found.items():
+                name = job.models[object_id].part.name
+                print(f"scene {job.scene_id}, object {object_id} ({name}): found in {count} of {frames} frames")
+    print(f"{options.out}: written")
+    if tiles:
+        write_whole(options.picture, _mosaic(tiles), "the picture")
+        print(f"{options.picture}: written")
+
+
+def _scene_jobs(options: DetectOptions) -> list[DetectJob]:
+    from acp_lab.sequences.bop import BopDataset
+
+    dataset, shelf = BopDataset(options.source), PartShelf(options.parts)
+    ids = dict.fromkeys(options.scenes or dataset.scenes(options.split))
+    jobs = []
+    for scene_id in ids:
+        scene = dataset.open_scene(scene_id, options.split)
+        models = {
+            object_id: shelf.part(dataset.part_path(object_id)) for object_id in _objects(dataset, scene, options)
+        }
+        jobs.append(DetectJob(scene_id, _every(scene, options.step), models))
+    return jobs
+
+
+def _objects(dataset: BopDataset, scene: BopScene, options: DetectOptions) -> list[int]:
+    """The ids that a scene's truth names, no more of it; without truth those whose part is prepared."""
+    if scene.ground_truth is not None:
+        named = {i for frame_id in scene.frame_ids for i in scene.ground_truth.in_frame(frame_id)}
+        if named:
+            return sorted(named)
+    prepared = [i for i in dataset.models() if (options.parts / dataset.part_path(i).stem / "part.json").is_file()]
+    if not prepared:
+        raise PreparationError(
+            f"{options.parts}: holds none of the parts of {options.source}; "
+            f"run: acp-lab prepare {options.source / 'models'}/*.ply --out {options.parts}"
+        )
+    return prepared
+
+
+def _every(scene: BopScene, step: int) -> Iterator[Frame | UnreadableFrame]:
+    for frame_id in scene.frame_ids[::step]:
+        yield scene.frame(frame_id)
+
+
+def _image_jobs(options: DetectOptions) -> list[DetectJob]:
+    from acp_lab.geometry.camera import Camera, Undistorter
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences.image_file import read_rgb
+
+    assert options.camera is not None
+    camera = Camera.from_json(options.camera)
+    image = Undistorter(camera)(read_rgb(options.source))
+    if options.mesh is not None:
+        model = PartShelf(options.parts).part(options.mesh)
+    else:
+        folders = sorted(path.parent for path in options.parts.glob("*/part.json"))
+        if len(folders) != 1:
+            names = ", ".join(folder.name for folder in folders) or "no part"
+            raise AcpLabError(f"{options.parts}: holds {names}: say with --mesh which part the image shows")
+        model = PreparedPart.load(folders[0])
+    return [DetectJob(1, [Frame(0, image, camera.pinhole())], {1: model})]
+
+
+def _tile(frame: Frame, drawn: list[tuple[PreparedPart, tuple[Detection, ...]]], title: str) -> ByteImage:
+    """(h, w, 3): the frame with the edges of all hypotheses, the best one on top, and their scores."""
+    scale = _PICTURE_WIDTH / frame.image.shape[1]
+    size = (_PICTURE_WIDTH, max(1, round(frame.image.shape[0] * scale)))
+    picture = frame.image.copy()
+    words = [title]
+    for model, detections in drawn:
+        for rank in reversed(range(len(detections))):
+            _draw(picture, frame, model, detections[rank], _COLOURS[min(rank, len(_COLOURS) - 1)])
+        scores = ", ".join(f"{one.score:.2f}" for one in detections) or "not found"
+        words.append(f"{model.part.name}: {scores}")
+    picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    for line, text in enumerate(words):
+        for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+            cv2.putText(picture, text, (8, 20 + 20 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+    return picture
+
+
+def _draw(picture: ByteImage, frame: Frame, model: PreparedPart, one: Detection, colour: tuple[int, int, int]) -> None:
+    from acp_lab.control_points.canonical_frame import eye_position
+    from acp_lab.control_points.view_regions import choose_region
+    from acp_lab.generator.base import project_samples
+
+    generator, part = model.best_generator(), model.part
+    region = choose_region(eye_position(one.cam_T_obj) - part.box_centre, 0.5 * part.box_size)
+    visible = generator.visible(one.cam_T_obj, region, len(generator.edges))
+    edges = project_samples(generator.edges, visible, one.cam_T_obj, frame.camera)
+    picture[edges.image(frame.camera.width, frame.camera.height) > 0] = colour
+
+
+def _mosaic(tiles: list[np.ndarray]) -> bytes:
+    """PNG bytes of tiles side by side, at most four in a row."""
+    columns = min(4, len(tiles))
+    high = max(tile.shape[0] for tile in tiles)
+    padded = [cv2.copyMakeBorder(tile, 0, high - tile.shape[0], 0, 0, cv2.BORDER_CONSTANT) for tile in tiles]
+    while len(padded) % columns:
+        padded.append(np.zeros_like(padded[0]))
+    rows = [np.hstack(padded[i : i + columns]) for i in range(0, len(padded), columns)]
+    return cv2.imencode(".png", np.vstack(rows)[..., ::-1])[1].tobytes()

@@ -1,0 +1,165 @@
+"""The inner loops of the detector, compiled: template sums, and the score of a pose on distance maps.
+
+Compiled once per machine (numba keeps the result beside this file or in its cache folder); the tests hold slow
+NumPy twins.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+CHUNK = 4096
+"""Positions that are summed at once: two bytes each, what fits the nearest cache with room for the planes."""
+
+
+@numba.njit(
+    "void(int8[:, ::1], int32[:, ::1], int32[:, ::1], int64[::1], float32[::1], int64[::1], int64, int64,"
+    " float32[:, ::1], int32[:, ::1])",
+    cache=True,
+    nogil=True,
+)
+def scan_templates(planes, plane_of, shifts, counts, gains, groups, first, length, best, best_template):  # type: ignore[no-untyped-def]
+    """The best template of each group at each position; see `scan.Scanner`.
+
+    planes: (p, n) responses of one direction and phase each. plane_of, shifts: (t, f) which plane a feature reads,
+    and how far from the position. best, best_template: (groups, length), updated.
+    """
+    total = np.empty(CHUNK, np.int16)
+    for begin in range(0, length, CHUNK):
+        size = min(CHUNK, length - begin)
+        for t in range(len(counts)):
+            total[:] = 0
+            for f in range(counts[t]):
+                row = planes[plane_of[t, f]]
+                at = first + begin + shifts[t, f]
+                part = row[at : at + size]
+                for i in range(size):
+                    total[i] += part[i]
+            gain, group = gains[t], groups[t]
+            scores = best[group, begin : begin + size]
+            ids = best_template[group, begin : begin + size]
+            for i in range(size):
+                score = gain * np.float32(total[i])
+                if score > scores[i]:
+                    scores[i] = score
+                    ids[i] = t
+
+
+@numba.njit(
+    "float32(uint8[:, :, ::1], float32, float32, float32, float32, float32[:, ::1], float32[:, ::1], int64,"
+    " float32[:, ::1], float32[::1], float32[::1])",
+    cache=True,
+    nogil=True,
+    fastmath={"contract", "reassoc", "arcp", "nsz"},
+)
+def pose_score(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, table):  # type: ignore[no-untyped-def]
+    """Mean of table[distance] over samples projected at a pose; see `pose_search.PoseSearch`."""
+    bins, height, width = maps.shape
+    total = np.float32(0.0)
+    per_rad = np.float32(bins / np.pi)
+    for i in range(count):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        px = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + centre[0]
+        py = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + centre[1]
+        pz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + centre[2]
+        if pz <= np.float32(1.0):
+            continue
+        inverse = np.float32(1.0) / pz
+        px *= inverse
+        py *= inverse
+        column = int(np.floor(fx * px + cx + np.float32(0.5)))
+        line = int(np.floor(fy * py + cy + np.float32(0.5)))
+        if column < 0 or line < 0 or column >= width or line >= height:
+            continue
+        x, y, z = tangents[i, 0], tangents[i, 1], tangents[i, 2]
+        tz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+        tx = fx * (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z - px * tz)
+        ty = fy * (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z - py * tz)
+        # arctan2 within 0.3 degrees, at a tenth of its time.
+        ax, ay = abs(tx), abs(ty)
+        ratio = min(ax, ay) / max(ax, ay, np.float32(1e-9))
+        angle = ratio * (np.float32(0.9724) - np.float32(0.1919) * ratio * ratio)
+        if ay > ax:
+            angle = np.float32(np.pi / 2) - angle
+        if (tx < 0) != (ty < 0):
+            angle = np.float32(np.pi) - angle
+        bin_ = int(angle * per_rad + np.float32(0.5))
+        if bin_ >= bins:
+            bin_ -= bins
+        total += table[maps[bin_, line, column]]
+    return total / np.float32(count)
+
+
+@numba.njit(
+    "float32(uint8[:, :, ::1], float32, float32, float32, float32, float32[:, ::1], float32[:, ::1], int64,"
+    " float32[:, ::1], float32[::1], float32[::1], float32, float32, float32, int64)",
+    cache=True,
+    nogil=True,
+)
+def climb(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, table, turn, shift, away, rounds):  # type: ignore[no-untyped-def]
+    """Pattern search (R. Hooke and T. Jeeves 1961) over six axes from a pose, which it changes; the score there.
+
+    turn: rad about the camera's axes through the part's centre; shift: mm across, away: share of the depth; all are
+    halved after each of the rounds.
+    """
+    trial_r, trial_c = np.empty((3, 3), np.float32), np.empty(3, np.float32)
+    here = pose_score(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, table)
+    for _ in range(rounds):
+        for _ in range(2):
+            moved = False
+            for axis in range(6):
+                for sign in (np.float32(1.0), np.float32(-1.0)):
+                    trial_r[:] = rotation
+                    trial_c[:] = centre
+                    if axis < 3:
+                        a, b = (axis + 1) % 3, (axis + 2) % 3
+                        cosine, sine = np.float32(np.cos(turn)), np.float32(np.sin(sign * turn))
+                        for k in range(3):
+                            trial_r[a, k] = cosine * rotation[a, k] - sine * rotation[b, k]
+                            trial_r[b, k] = sine * rotation[a, k] + cosine * rotation[b, k]
+                    elif axis < 5:
+                        trial_c[axis - 3] += sign * shift
+                    else:
+                        trial_c *= np.float32(1.0) + sign * away
+                    there = pose_score(maps, fx, fy, cx, cy, points, tangents, count, trial_r, trial_c, table)
+                    if there > here:
+                        here = there
+                        rotation[:] = trial_r
+                        centre[:] = trial_c
+                        moved = True
+                        break
+            if not moved:
+                break
+        turn *= np.float32(0.5)
+        shift *= np.float32(0.5)
+        away *= np.float32(0.5)
+    return here
+
+
+@numba.njit(
+    "void(float32[:, ::1], float32[:, ::1], float32, uint8, uint8[:, :, ::1])",
+    cache=True,
+    nogil=True,
+)
+def thin_oriented(gradient_x, gradient_y, least, value, edges):  # type: ignore[no-untyped-def]
+    """Gradient maxima across edges, as `value` in the bin of the edge's direction; edges: (bins, h, w), zero before.
+
+    The bin of the edge's direction, at right angles to the gradient.
+    """
+    bins, height, width = edges.shape
+    for y in range(1, height - 1):
+        for x in range(1, width - 1):
+            gx, gy = gradient_x[y, x], gradient_y[y, x]
+            square = gx * gx + gy * gy
+            if square < least * least:
+                continue
+            ax, ay = abs(gx), abs(gy)
+            dx = 0 if ax < np.float32(0.4142) * ay else (1 if gx > 0 else -1)
+            dy = 0 if ay < np.float32(0.4142) * ax else (1 if gy > 0 else -1)
+            bx, by = gradient_x[y - dy, x - dx], gradient_y[y - dy, x - dx]
+            fx, fy = gradient_x[y + dy, x + dx], gradient_y[y + dy, x + dx]
+            if square <= bx * bx + by * by or square < fx * fx + fy * fy:
+                continue
+            direction = np.arctan2(gy, gx) / np.pi + 0.5
+            edges[int(np.floor(direction * bins + 0.5)) % bins, y, x] = value

@@ -1,0 +1,184 @@
+"""From candidates to poses: a pattern search in true perspective on directional distance maps.
+
+The map is that of M. Liu et al., "Fast object localization and pose estimation in heavy clutter for robotic bin
+picking", IJRR 2012, section 3: an edge counts by its distance in place and in direction together. It is stored as a
+response that fades to zero, less its local mean, as in the scan.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.edge_maps import distances, oriented_edges, resized
+from acp_lab.detection.view_templates import Views
+from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
+from acp_lab.geometry.camera import Camera
+
+MAP_BINS = 16
+_MAP_STEP = 1.25
+"""Ratio of neighbouring maps' scales."""
+_MOST_MAP_PIXELS = 400_000
+"""In a large image a part far away is searched at a coarser scale than `search_px` asks for: time stays bounded."""
+_PX_PER_BIN = 1.5
+"""What an edge turned by one bin is away, in px of the map."""
+ZERO_LEVEL = 64
+"""Of the 256 levels of a map: what no edge and no surroundings say."""
+_UNITS = 160.0
+_LOCAL_MEAN_SHARE = 0.7
+_LENGTH_POWER = 0.5
+
+
+@dataclass(frozen=True)
+class Round:
+    """A round of the search: reach of the edges (px), first steps (degrees, diameters, share of depth), halvings."""
+
+    reach_px: float
+    turn_deg: float
+    shift_diameters: float
+    depth_share: float
+    halvings: int
+
+
+ROUNDS = (Round(8.0, 6.0, 0.04, 0.05, 2), Round(4.0, 4.0, 0.02, 0.03, 3), Round(4.0, 2.0, 0.01, 0.015, 3))
+
+
+class DistanceMaps:
+    """Directional maps of one image at the scales that are asked for, each made once."""
+
+    def __init__(self, image: ByteImage, camera: Camera, diameter: float, config: DetectionConfig) -> None:
+        self._image, self.camera, self._diameter = image, camera, diameter
+        self.search_px = config.search_px
+        self.focal_px = 0.5 * (camera.fx + camera.fy)
+        self._images: dict[int, ByteImage] = {}
+        self._edges: dict[int, BoolArray] = {}
+        self._distances: dict[int, tuple[float, Float32Array]] = {}
+        self._responses: dict[tuple[int, float], Float32Array] = {}
+        self._maps: dict[tuple[int, float], ByteImage] = {}
+
+    def level(self, depths: FloatArray) -> IntArray:
+        """The number of the map for parts at depths (n,) mm; 0 is the full image."""
+        height, width = self._image.shape[:2]
+        most = min(1.0, float(np.sqrt(_MOST_MAP_PIXELS / (width * height))))
+        scale = np.minimum(self.search_px * depths / (self.focal_px * self._diameter), most)
+        return np.rint(np.log(scale) / np.log(_MAP_STEP)).astype(np.int64)
+
+    def scaled(self, level: int) -> tuple[float, Float32Array]:
+        """Scale of a level, and distances (bins, h, w) px by direction."""
+        if level not in self._distances:
+            image = self.image(level)
+            edges = oriented_edges(image, MAP_BINS)
+            self._edges[level] = edges.max(0) > 0
+            found = distances(edges, 12.0)
+            for _ in range(2):  # a direction near that of the edge counts as a little further
+                beside = np.minimum(np.roll(found, 1, 0), np.roll(found, -1, 0)) + np.float32(_PX_PER_BIN)
+                np.minimum(found, beside, out=found)
+            self._distances[level] = (image.shape[1] / self._image.shape[1], found)
+        return self._distances[level]
+
+    def image(self, level: int) -> ByteImage:
+        """(h, w, 3): the image at a level's scale."""
+        if level not in self._images:
+            self._images[level] = resized(self._image, _MAP_STEP**level)
+        return self._images[level]
+
+    def any_edge(self, level: int) -> BoolArray:
+        """(h, w): where an edge of any direction runs."""
+        self.scaled(level)
+        return self._edges[level]
+
+    def response(self, level: int, reach_px: float) -> Float32Array:
+        """(bins, h, w): 1 on an edge, 0 from the reach on, less most of the mean around."""
+        if (level, reach_px) not in self._responses:
+            _, found = self.scaled(level)
+            near = np.maximum(1.0 - found / np.float32(reach_px), 0.0)
+            side = int(self.search_px)
+            for layer in near:
+                layer -= _LOCAL_MEAN_SHARE * cv2.boxFilter(layer, -1, (side, side), borderType=cv2.BORDER_REFLECT)
+            self._responses[level, reach_px] = near
+        return self._responses[level, reach_px]
+
+    def map(self, level: int, reach_px: float) -> ByteImage:
+        """(bins, h, w): the response in 256 levels."""
+        if (level, reach_px) not in self._maps:
+            levels = ZERO_LEVEL + _UNITS * self.response(level, reach_px)
+            self._maps[level, reach_px] = np.clip(levels, 0, 255).astype(np.uint8)
+        return self._maps[level, reach_px]
+
+    def intrinsics(self, level: int) -> tuple[float, float, float, float]:
+        """fx, fy, cx, cy of a level's camera; pixel centres at integers."""
+        scale, _ = self.scaled(level)
+        c = self.camera
+        return scale * c.fx, scale * c.fy, scale * (c.cx + 0.5) - 0.5, scale * (c.cy + 0.5) - 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """n poses of the part: rotations (n, 3, 3), centres (n, 3) mm of the box centre in the camera, scores (n,)."""
+
+    rotations: Float32Array
+    centres: Float32Array
+    scores: Float32Array
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    def take(self, rows: IntArray) -> Poses:
+        """Some of them."""
+        return Poses(self.rotations[rows], self.centres[rows], self.scores[rows])
+
+
+def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float, how: Round) -> Poses:
+    """Each pose climbed to a better one nearby; the best first."""
+    from acp_lab.detection.kernels import climb
+
+    table = ((np.arange(256) - ZERO_LEVEL) / _UNITS).astype(np.float32)
+    eyes = -np.einsum("nji,nj->ni", poses.rotations, poses.centres)
+    nearest = views.nearest(eyes)
+    levels = maps.level(poses.centres[:, 2].astype(np.float64))
+    rotations, centres, scores = poses.rotations.copy(), poses.centres.copy(), poses.scores.copy()
+    turn = np.float32(np.radians(how.turn_deg))
+    shift, away = np.float32(how.shift_diameters * diameter), np.float32(how.depth_share)
+    for level in np.unique(levels):
+        image = maps.map(int(level), how.reach_px)
+        fx, fy, cx, cy = (np.float32(v) for v in maps.intrinsics(int(level)))
+        for i in np.flatnonzero(levels == level):
+            view = nearest[i]
+            points, tangents = views.points_obj[view], views.tangents_obj[view]
+            scores[i] = climb(
+                image,
+                fx,
+                fy,
+                cx,
+                cy,
+                points,
+                tangents,
+                views.counts[view],
+                rotations[i],
+                centres[i],
+                table,
+                turn,
+                shift,
+                away,
+                how.halvings,
+            )
+    scores *= (views.lengths[nearest] ** _LENGTH_POWER).astype(np.float32)
+    best = np.argsort(-scores, kind="stable")
+    return Poses(rotations[best], centres[best], scores[best])
+
+
+def distinct(poses: Poses, diameter: float, most: int) -> Poses:
+    """The best of poses that are nearly the same, in their order: within 6% of the diameter and 5 degrees."""
+    kept: list[int] = []
+    for i in range(len(poses)):
+        if len(kept) == most:
+            break
+        others = np.array(kept, np.int64)
+        near: BoolArray = np.linalg.norm(poses.centres[others] - poses.centres[i], axis=1) < 0.06 * diameter
+        cosine = 0.5 * (np.einsum("nij,ij->n", poses.rotations[others], poses.rotations[i]) - 1.0)
+        if not (near & (cosine > 0.9962)).any():
+            kept.append(i)
+    return poses.take(np.array(kept, np.int64))

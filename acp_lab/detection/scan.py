@@ -1,0 +1,134 @@
+"""The scan: every template at every place of an image pyramid, the best of them as candidates.
+
+Responses are spread, quantised by direction and laid out so that a template's sum is a sum of contiguous rows, as in
+LINE-MOD (Hinterstoisser et al. 2012, sections 3.3 to 3.5), with two changes. A response fades with the distance from
+the edge instead of being there or not, and the mean response around it is taken off: on a grid or in brushed grain
+every template finds edges everywhere, and only more than the usual says anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.edge_maps import distances, oriented_edges, resized, without_specks
+from acp_lab.detection.view_templates import SCAN_BINS, Templates
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
+from acp_lab.geometry.camera import Camera
+
+STEP_PX = 4
+"""Of the places that are tried; the spread reaches over it."""
+GROUPS = 12
+"""Neighbouring views share a group; each place keeps the best template of each group."""
+_NEIGHBOUR_SHARE = 0.6
+_LOCAL_MEAN_SHARE = 0.6
+"""Not all of it: the part itself is in its surroundings."""
+_UNITS = 100.0
+LARGEST_SCALE = 1.05
+"""A part that appears smaller than scan_px has too few pixels to be told from others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """n candidates of the scan, the best first.
+
+    scores: (n,). templates: (n,) rows of the templates. centres: (n, 2) px of the full image where the part's centre
+    appears. depths: (n,) mm.
+    """
+
+    scores: Float32Array
+    templates: IntArray
+    centres: FloatArray
+    depths: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+
+def depth_levels(config: DetectionConfig) -> FloatArray:
+    """Depths (mm) of the pyramid's levels: equal ratios that cover the range."""
+    near, far = config.depth_mm
+    count = max(1, int(np.ceil(np.log(far / near) / np.log(config.depth_step))))
+    return near * (far / near) ** ((np.arange(count) + 0.5) / count)
+
+
+def scan(
+    image: ByteImage, camera: Camera, diameter: float, templates: Templates, groups: IntArray, config: DetectionConfig
+) -> Candidates:
+    """Candidates of an image (h, w, 3) from all levels.
+
+    groups: (t,) 0 to GROUPS - 1, of each template.
+    """
+    found = []
+    for depth in depth_levels(config):
+        scale = config.scan_px * depth / (0.5 * (camera.fx + camera.fy) * diameter)
+        if scale > LARGEST_SCALE:
+            continue
+        small = resized(image, scale)
+        ratio = np.array([small.shape[1] / image.shape[1], small.shape[0] / image.shape[0]])
+        scores, ids, places = _scan_level(responses(small, config), templates, groups, config)
+        # Pixel centres: x of the small image lies at (x + 0.5) / ratio - 0.5 of the full one.
+        found.append((scores, ids, (places + 0.5) / ratio - 0.5, np.full(len(scores), depth)))
+    if not found:
+        return Candidates(np.zeros(0, np.float32), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0))
+    scores, ids, centres, depths = (np.concatenate(column) for column in zip(*found, strict=True))
+    best = np.argsort(-scores, kind="stable")[: config.starts]
+    return Candidates(scores[best], ids[best].astype(np.int64), centres[best], depths[best])
+
+
+def responses(image: ByteImage, config: DetectionConfig) -> Float32Array:
+    """(SCAN_BINS, h, w): how much each pixel says for an edge of each direction, less what its surroundings say.
+
+    Half of it is said by the image after a median that takes thin lines out: grids and prints are weaker, bodies are
+    not.
+    """
+    response = 0.5 * (_nearness(image, config.spread_px) + _nearness(without_specks(image), config.spread_px))
+    window = (int(config.scan_px), int(config.scan_px))
+    for layer in response:
+        layer -= _LOCAL_MEAN_SHARE * cv2.boxFilter(layer, -1, window, borderType=cv2.BORDER_REFLECT)
+    return response
+
+
+def _nearness(image: ByteImage, reach_px: float) -> Float32Array:
+    near = 1.0 - distances(oriented_edges(image, SCAN_BINS), reach_px) / np.float32(reach_px)
+    beside = np.maximum(np.roll(near, 1, 0), np.roll(near, -1, 0))
+    return np.maximum(near, _NEIGHBOUR_SHARE * beside)
+
+
+def _scan_level(
+    response: Float32Array, templates: Templates, groups: IntArray, config: DetectionConfig
+) -> tuple[Float32Array, IntArray, FloatArray]:
+    """Scores (n,), templates (n,) and places (n, 2) px of the level's local maxima."""
+    from acp_lab.detection.kernels import CHUNK, scan_templates
+
+    _, height, width = response.shape
+    step = STEP_PX
+    margin = int(np.ceil(0.6 * config.scan_px / step)) + 1
+    rows, columns = -(-height // step), -(-width // step)
+    high, wide = rows + 2 * margin, columns + 2 * margin
+    padded = np.zeros((SCAN_BINS, high * step, wide * step), np.int8)
+    padded[:, margin * step : margin * step + height, margin * step : margin * step + width] = np.rint(
+        _UNITS * response
+    )
+    planes = padded.reshape(SCAN_BINS, high, step, wide, step).transpose(0, 2, 4, 1, 3)
+    planes = planes.reshape(SCAN_BINS * step * step, high * wide)
+    planes = np.ascontiguousarray(np.pad(planes, ((0, 0), (0, CHUNK))))
+    x, y = templates.offsets[..., 0], templates.offsets[..., 1]
+    plane_of = ((templates.bins * step + y % step) * step + x % step).astype(np.int32)
+    shifts = ((y // step) * wide + x // step).astype(np.int32)
+    first, length = margin * wide, rows * wide
+    best: Float32Array = np.full((GROUPS, length), -1e9, np.float32)
+    ids = np.zeros((GROUPS, length), np.int32)
+    scan_templates(planes, plane_of, shifts, templates.counts, templates.gains, groups, first, length, best, ids)
+
+    inside = slice(margin, margin + columns)
+    best = (best.reshape(GROUPS, rows, wide)[:, :, inside] / _UNITS).astype(np.float32)
+    ids = ids.reshape(GROUPS, rows, wide)[:, :, inside]
+    around = np.ones((3, 3), np.uint8)
+    peak = np.stack([layer >= cv2.dilate(np.ascontiguousarray(layer), around) for layer in best])
+    group, row, column = np.nonzero(peak & (best > 0.0))
+    places = np.stack([column * step, row * step], 1).astype(np.float64)
+    return best[group, row, column], ids[group, row, column].astype(np.int64), places

@@ -1,0 +1,176 @@
+"""What the part's edges look like from all around: views, and sparse templates made of them.
+
+A view keeps 3D edge samples that show from one direction; a template is a view turned in the image plane, as a few
+edge points with quantised directions (S. Hinterstoisser et al., "Gradient response maps for real-time detection of
+textureless objects", PAMI 2012, section 3.2). They follow from the stored visibility in a fraction of a second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from acp_lab.cad.edges import EdgeSamples
+from acp_lab.cad.part import Part
+from acp_lab.control_points.view_regions import choose_region
+from acp_lab.detection.config import DetectionConfig
+from acp_lab.generator.base import RigidGenerator, VisibleSamples
+from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from acp_lab.geometry.pose import make_pose
+
+SCAN_BINS = 8
+VIEW_DISTANCE = 5.0
+"""In diameters, as that of the stored visibility."""
+SEARCH_SAMPLES = 80
+_FEWEST_SAMPLES = 16
+CELL_DIAMETERS = 0.05
+_INNER_LATER = 2.0
+"""Silhouettes show nearly always, creases on metal often not: of a direction, they come first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """v views of a part.
+
+    Attributes:
+        rotations: (v, 3, 3) object to camera, the optical axis through the box centre.
+        directions_obj: (v, 3) unit, from the box centre to the eye.
+        points_obj, tangents_obj: (v, k, 3) mm about the box centre, samples that show; float32.
+        counts: (v,) how many of the k.
+        lengths: (v,) length of the distinct visible edges in diameters.
+    """
+
+    rotations: FloatArray
+    directions_obj: FloatArray
+    points_obj: Float32Array
+    tangents_obj: Float32Array
+    counts: IntArray
+    lengths: FloatArray
+
+    def nearest(self, eyes_obj: FloatArray) -> IntArray:
+        """(n,) the views nearest to directions (n, 3) from the box centre."""
+        return np.argmax(eyes_obj @ self.directions_obj.T, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Templates:
+    """t templates: views turned in the image plane, at `scan_px` per diameter.
+
+    Attributes:
+        views: (t,) number of the view; turns_rad: (t,) about the optical axis.
+        offsets: (t, f, 2) int px (x, y) of the features from the projected box centre.
+        bins: (t, f) quantised direction of the edge; counts: (t,) features in use.
+        gains: (t,) what the mean response is multiplied by.
+    """
+
+    views: IntArray
+    turns_rad: FloatArray
+    offsets: IntArray
+    bins: IntArray
+    counts: IntArray
+    gains: Float32Array
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+
+def make_views(part: Part, generator: RigidGenerator, subdivisions: int) -> Views:
+    """Views from the vertices of an icosphere; those that show next to nothing are left out."""
+    directions = np.asarray(trimesh.creation.icosphere(subdivisions=subdivisions).vertices, np.float64)
+    kept, rotations, points, tangents, counts, lengths = [], [], [], [], [], []
+    edges: EdgeSamples = generator.edges
+    for direction in directions:
+        rotation = looking_along(-direction)
+        shift = np.array([0.0, 0.0, VIEW_DISTANCE * part.diameter])
+        pose = make_pose(rotation, shift - rotation @ part.box_centre)
+        region = choose_region(VIEW_DISTANCE * part.diameter * direction, 0.5 * part.box_size)
+        visible = generator.visible(pose, region, len(edges))
+        ids = visible.ids
+        if len(ids) < _FEWEST_SAMPLES:
+            continue
+        ids = ids[_spread_of_view(edges, visible, rotation, part)]
+        chosen = ids[:SEARCH_SAMPLES]
+        kept.append(direction)
+        rotations.append(rotation)
+        points.append(_padded(edges.points_obj[chosen] - part.box_centre))
+        tangents.append(_padded(edges.tangents_obj[chosen]))
+        counts.append(len(chosen))
+        lengths.append(len(ids) * CELL_DIAMETERS)
+    return Views(
+        np.array(rotations),
+        np.array(kept),
+        np.array(points, np.float32),
+        np.array(tangents, np.float32),
+        np.array(counts, np.int64),
+        np.array(lengths),
+    )
+
+
+def make_templates(views: Views, diameter: float, config: DetectionConfig) -> Templates:
+    """Every view, turned in the image plane by all turns."""
+    count = np.minimum(views.counts, config.features)
+    points = views.points_obj[:, : config.features] @ views.rotations.transpose(0, 2, 1)
+    tangents = views.tangents_obj[:, : config.features] @ views.rotations.transpose(0, 2, 1)
+    depth = points[..., 2:] + VIEW_DISTANCE * diameter
+    flat = points[..., :2] / depth
+    along = tangents[..., :2] - flat * tangents[..., 2:]
+    flat = flat * VIEW_DISTANCE * config.scan_px
+    turns = 2.0 * np.pi * np.arange(config.turns) / config.turns
+    cosine, sine = np.cos(turns), np.sin(turns)
+    matrices = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)  # (turns, 2, 2)
+    turned = np.einsum("rij,vfj->vrfi", matrices, flat)
+    angle = np.arctan2(along[..., 1], along[..., 0])[:, None] + turns[:, None]
+    bins = np.floor(angle / np.pi * SCAN_BINS + 0.5).astype(np.int64) % SCAN_BINS
+    gains = views.lengths**config.length_power / count
+    number = len(views.counts) * config.turns
+    return Templates(
+        np.repeat(np.arange(len(views.counts)), config.turns),
+        np.tile(turns, len(views.counts)),
+        np.rint(turned).astype(np.int64).reshape(number, config.features, 2),
+        bins.reshape(number, config.features),
+        np.repeat(count, config.turns),
+        np.repeat(gains, config.turns).astype(np.float32),
+    )
+
+
+def spread(points: FloatArray, tangents: FloatArray, outline: BoolArray, cell_px: float) -> IntArray:
+    """Rows of edge points (n, 2), no two of one direction within one cell, and in every prefix directions in balance.
+
+    Parallel edges close together match one edge of the image all at once; without this, views from the side, all
+    parallel lines, are found on every cable and rod. A direction counts by the root of its length.
+    """
+    bins = np.floor(np.arctan2(tangents[:, 1], tangents[:, 0]) / np.pi * SCAN_BINS + 0.5).astype(np.int64) % SCAN_BINS
+    cells = np.floor((points - points.min(0)) / cell_px).astype(np.int64)
+    _, first = np.unique((cells[:, 1] * 100_000 + cells[:, 0]) * SCAN_BINS + bins, return_index=True)
+    rows = np.sort(first)
+    order = np.empty(len(rows))
+    for bin_ in range(SCAN_BINS):
+        mine = bins[rows] == bin_
+        order[mine] = (np.arange(mine.sum()) + 0.5) / max(np.sqrt(mine.sum()), 1.0)
+    order[~outline[rows]] *= _INNER_LATER
+    return rows[np.argsort(order, kind="stable")]
+
+
+def looking_along(direction_obj: FloatArray) -> FloatArray:
+    """(3, 3) rotation, object to camera, of a camera that looks along a unit direction (3,)."""
+    z_axis = direction_obj
+    helper = np.eye(3)[int(np.argmin(np.abs(z_axis)))]
+    x_axis = np.cross(helper, z_axis)
+    x_axis /= np.linalg.norm(x_axis)
+    return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis])
+
+
+def _spread_of_view(edges: EdgeSamples, visible: VisibleSamples, rotation: FloatArray, part: Part) -> IntArray:
+    """`spread` of samples seen from VIEW_DISTANCE; lengths in diameters."""
+    points = (edges.points_obj[visible.ids] - part.box_centre) @ rotation.T
+    along = edges.tangents_obj[visible.ids] @ rotation.T
+    distance = points[:, 2:] + VIEW_DISTANCE * part.diameter
+    flat = points[:, :2] / distance
+    return spread(flat * VIEW_DISTANCE, along[:, :2] - flat * along[:, 2:], visible.outline, CELL_DIAMETERS)
+
+
+def _padded(rows: FloatArray) -> FloatArray:
+    """SEARCH_SAMPLES rows, the last ones repeated from the start."""
+    return rows[np.arange(SEARCH_SAMPLES) % len(rows)]

@@ -1,0 +1,140 @@
+"""The detector on drawn and on shipped images."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.detector import Detector, start_poses
+from acp_lab.detection.pose_search import Poses, distinct
+from acp_lab.detection.scan import Candidates, depth_levels, scan
+from acp_lab.detection.view_templates import SCAN_BINS, looking_along, spread
+from acp_lab.errors import AcpLabError
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
+from tests.prepared_sample import sample_model, sample_scene
+
+
+@cache
+def sample_detector() -> Detector:
+    model = sample_model()
+    return Detector(model.part, model.best_generator())
+
+
+@pytest.mark.parametrize("depth_mm", [(0.0, 100.0), (-1.0, 5.0), (500.0, 300.0), (float("nan"), 3.0)])
+def test_impossible_depths(depth_mm: tuple[float, float]) -> None:
+    with pytest.raises(AcpLabError, match="depth range"):
+        DetectionConfig(depth_mm=depth_mm)
+
+
+def test_levels_cover_the_range() -> None:
+    levels = depth_levels(DetectionConfig(depth_mm=(300.0, 900.0)))
+    assert 300.0 < levels[0] < 325.0
+    assert 830.0 < levels[-1] < 900.0
+    assert (levels[1:] / levels[:-1] <= 1.15 + 1e-9).all()
+    assert depth_levels(DetectionConfig(depth_mm=(400.0, 400.0))).tolist() == [400.0]
+
+
+def test_parallel_edges_in_one_cell_count_once() -> None:
+    line = np.column_stack([np.arange(0.0, 100.0, 1.0), np.zeros(100)])
+    points = np.concatenate([line, line + np.array([0.0, 0.5]), line + np.array([0.0, 1.0])])
+    tangents = np.tile([1.0, 0.0], (300, 1))
+    rows = spread(points, tangents, np.ones(300, bool), 5.0)
+    assert len(rows) == 20
+
+
+def test_rare_directions_come_early() -> None:
+    points = np.column_stack([np.arange(400.0) * 10.0, np.zeros(400)])
+    tangents = np.tile([1.0, 0.0], (400, 1))
+    tangents[::20] = (0.0, 1.0)  # 20 of 400
+    first = spread(points, tangents, np.ones(400, bool), 5.0)[:50]
+    assert (tangents[first, 1] == 1.0).sum() >= 8  # by the root of their number: 9 of 50, not 2 or 3
+
+
+@pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.6, -0.8, 0)])
+def test_looking_along(direction: tuple[float, float, float]) -> None:
+    rotation = looking_along(np.array(direction, np.float64))
+    assert np.allclose(rotation @ direction, (0, 0, 1))
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+def test_start_poses_show_the_view_at_its_place(camera: Camera) -> None:
+    """The part's centre appears where the template was found, seen from the template's side."""
+    detector = sample_detector()
+    count = 20
+    rng = np.random.default_rng(1)
+    chosen = rng.integers(0, len(detector.templates), count)
+    centres, depths = rng.uniform((50, 50), (590, 460), (count, 2)), rng.uniform(300, 900, count)
+    found = Candidates(np.ones(count, np.float32), chosen, centres, depths)
+    poses = start_poses(found, detector.templates, detector.views, camera)
+    assert np.allclose(camera.project(poses.centres.astype(np.float64)), centres, atol=0.01)
+    assert np.allclose(poses.centres[:, 2], depths, rtol=1e-5)
+    eyes = -np.einsum("nji,nj->ni", poses.rotations, poses.centres)
+    eyes /= np.linalg.norm(eyes, axis=1, keepdims=True)
+    views = detector.views.directions_obj[detector.templates.views[chosen]]
+    assert np.allclose(eyes, views, atol=1e-4)
+
+
+def test_distinct() -> None:
+    turn = np.tile(np.eye(3, dtype=np.float32), (3, 1, 1))
+    centres = np.array([[0, 0, 500], [1, 0, 500], [40, 0, 500]], np.float32)
+    kept = distinct(Poses(turn, centres, np.array([3, 2, 1], np.float32)), 100.0, 10)
+    assert kept.scores.tolist() == [3.0, 1.0]
+    assert len(distinct(Poses(turn, centres, np.ones(3, np.float32)), 100.0, 1)) == 1
+
+
+def test_templates_are_bounded() -> None:
+    detector = sample_detector()
+    templates = detector.templates
+    assert len(templates) == len(detector.views.counts) * 24
+    assert np.abs(templates.offsets).max() <= 0.65 * detector.config.scan_px
+    assert templates.bins.min() >= 0
+    assert templates.bins.max() < SCAN_BINS
+    assert sum(a.nbytes for a in (templates.offsets, templates.bins, detector.views.points_obj)) < 30e6
+
+
+def test_the_sample_is_among_the_candidates() -> None:
+    scene = sample_scene()
+    frame = scene.frame(scene.frame_ids[0])
+    truth = scene.first_pose
+    part: Part = sample_model().part
+    look = sample_detector().candidates(frame.image, frame.camera)
+    assert 0 < len(look.candidates) <= sample_detector().config.verified
+    scores = [candidate.score for candidate in look.candidates]
+    assert scores == sorted(scores, reverse=True)
+    errors = [
+        np.linalg.norm(transform(c.cam_T_obj, part.vertices) - transform(truth, part.vertices), axis=1).mean()
+        for c in look.candidates[:5]
+    ]
+    assert min(errors) < 0.1 * part.diameter
+    at_truth = look.witness.look(truth)
+    assert at_truth is not None
+    assert at_truth.score > 0.9
+    turned = truth @ np.diag([1.0, -1.0, -1.0, 1.0])
+    wrong = look.witness.look(turned)
+    assert wrong is None or wrong.score < 0.5 * at_truth.score
+
+
+@pytest.mark.parametrize("grey", [0, 128, 255])
+def test_nothing_in_an_empty_image(grey: int, camera: Camera) -> None:
+    image = np.full((camera.height, camera.width, 3), grey, np.uint8)
+    assert sample_detector().candidates(image, camera).candidates == ()
+
+
+def test_tiny_image() -> None:
+    image = np.random.default_rng(0).integers(0, 255, (6, 9, 3)).astype(np.uint8)
+    look = sample_detector().candidates(image, Camera(9, 6, 10.0, 10.0, 4.0, 2.5))
+    assert all(candidate.score < 0.9 for candidate in look.candidates)
+
+
+def test_a_part_too_far_to_be_seen(camera: Camera) -> None:
+    """Levels on which it would be smaller than the scan can tell are left out, not enlarged without bound."""
+    detector = sample_detector()
+    image = np.random.default_rng(0).integers(0, 255, (camera.height, camera.width, 3)).astype(np.uint8)
+    config = DetectionConfig(depth_mm=(50_000.0, 60_000.0))
+    none = scan(image, camera, detector.part.diameter, detector.templates, detector.groups, config)
+    assert len(none) == 0

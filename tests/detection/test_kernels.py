@@ -1,0 +1,121 @@
+"""The compiled loops against slow twins in NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.detection.kernels import CHUNK, climb, pose_score, scan_templates, thin_oriented
+from acp_lab.geometry.arrays import ByteImage, Float32Array
+from acp_lab.geometry.pose import so3_exp
+
+
+def test_scan_templates(rng: np.random.Generator) -> None:
+    planes = rng.integers(-100, 100, (16, 7000 + CHUNK)).astype(np.int8)
+    plane_of = rng.integers(0, 16, (9, 5)).astype(np.int32)
+    shifts = rng.integers(-40, 40, (9, 5)).astype(np.int32)
+    counts, groups = rng.integers(2, 6, 9), rng.integers(0, 3, 9)
+    gains = rng.uniform(0.5, 2.0, 9).astype(np.float32)
+    first, length = 100, 5000  # more than one chunk
+    best = np.full((3, length), -1e9, np.float32)
+    ids = np.full((3, length), -1, np.int32)
+    scan_templates(planes, plane_of, shifts, counts, gains, groups, first, length, best, ids)
+    places = first + np.arange(length)
+    for group in range(3):
+        members = np.flatnonzero(groups == group)
+        scores = np.array(
+            [
+                gains[t] * sum(planes[plane_of[t, f], places + shifts[t, f]].astype(int) for f in range(counts[t]))
+                for t in members
+            ]
+        )
+        assert np.allclose(best[group], scores.max(0), rtol=1e-5)
+        assert (members[scores.argmax(0)] == ids[group]).mean() > 0.999  # equal scores aside
+
+
+def _slow_score(
+    maps: ByteImage,
+    camera: tuple[float, ...],
+    points: Float32Array,
+    tangents: Float32Array,
+    pose: tuple[Float32Array, Float32Array],
+    table: Float32Array,
+) -> float:
+    fx, fy, cx, cy = camera
+    points_cam = points.astype(np.float64) @ pose[0].T + pose[1]
+    along_cam = tangents.astype(np.float64) @ pose[0].T
+    flat = points_cam[:, :2] / points_cam[:, 2:]
+    along = (along_cam[:, :2] - flat * along_cam[:, 2:]) * (fx, fy)
+    bins = np.floor(np.arctan2(along[:, 1], along[:, 0]) / np.pi * len(maps) + 0.5).astype(int) % len(maps)
+    column, line = np.floor(flat * (fx, fy) + (cx, cy) + 0.5).astype(int).T
+    inside = (column >= 0) & (line >= 0) & (column < maps.shape[2]) & (line < maps.shape[1])
+    return float(table[maps[bins[inside], line[inside], column[inside]]].sum() / len(points))
+
+
+@pytest.fixture
+def scene(rng: np.random.Generator) -> tuple[ByteImage, Float32Array, Float32Array, Float32Array]:
+    maps = rng.integers(0, 255, (16, 90, 120)).astype(np.uint8)
+    points = rng.uniform(-30, 30, (60, 3)).astype(np.float32)
+    tangents = rng.normal(size=(60, 3)).astype(np.float32)
+    return maps, points, tangents, np.linspace(0.0, 1.0, 256).astype(np.float32)
+
+
+def test_pose_score(
+    scene: tuple[ByteImage, Float32Array, Float32Array, Float32Array], rng: np.random.Generator
+) -> None:
+    maps, points, tangents, table = scene
+    camera = (150.0, 160.0, 58.0, 44.0)
+    differences = []
+    for _ in range(20):
+        pose = so3_exp(rng.normal(size=3)).astype(np.float32), np.array([5.0, -8.0, 110.0], np.float32)
+        fast = pose_score(maps, *map(np.float32, camera), points, tangents, len(points), *pose, table)
+        differences.append(abs(fast - _slow_score(maps, camera, points, tangents, pose, table)))
+    # The direction's approximation puts a few samples into the next bin.
+    assert np.median(differences) < 0.01
+    assert max(differences) < 0.05
+
+
+def test_climb_finds_the_pose_back(rng: np.random.Generator) -> None:
+    from acp_lab.detection.edge_maps import distances
+
+    points = rng.uniform(-30, 30, (80, 3)).astype(np.float32)
+    tangents = rng.normal(size=(80, 3)).astype(np.float32)
+    rotation, centre = so3_exp(np.array([0.4, -0.3, 0.2])), np.array([4.0, -3.0, 200.0])
+    camera = (400.0, 400.0, 100.0, 80.0)
+    points_cam = points @ rotation.T + centre
+    along_cam = tangents @ rotation.T
+    flat = points_cam[:, :2] / points_cam[:, 2:]
+    along = along_cam[:, :2] - flat * along_cam[:, 2:]
+    bins = np.floor(np.arctan2(along[:, 1], along[:, 0]) / np.pi * 16 + 0.5).astype(int) % 16
+    column, line = np.floor(flat * camera[:2] + camera[2:] + 0.5).astype(int).T
+    edges = np.zeros((16, 170, 220), np.uint8)
+    edges[bins, line, column] = 1
+    maps = np.round(255.0 * (1.0 - distances(edges, 12.0) / 12.0)).astype(np.uint8)
+    table = (np.arange(256) / 255.0).astype(np.float32)
+    moved = (so3_exp(np.array([0.03, 0.04, -0.03])) @ rotation).astype(np.float32)
+    place = (centre + np.array([2.0, -1.5, 5.0])).astype(np.float32)
+    fixed = (*map(np.float32, camera), points, tangents, 80)
+    before = pose_score(maps, *fixed, moved, place, table)
+    steps = np.float32(0.05), np.float32(2.0), np.float32(0.02)
+    after = climb(maps, *fixed, moved, place, table, *steps, 5)
+    assert after > before + 0.1
+    assert after == pytest.approx(pose_score(maps, *fixed, moved, place, table), abs=1e-5)
+    assert np.linalg.norm(place - centre) < 3.0
+    assert np.linalg.norm(moved - rotation) < 0.03
+
+
+@pytest.mark.parametrize("angle_deg", [0, 30, 45, 80, 90, 120, 165])
+def test_thin_oriented(angle_deg: float) -> None:
+    """A straight step edge is one px wide and lies in the bin of its own direction."""
+    angle = np.radians(angle_deg)
+    y, x = np.mgrid[-20:21, -20:21]
+    side = x * -np.sin(angle) + y * np.cos(angle)
+    gradient = 20.0 * np.exp(-0.5 * (side / 1.5) ** 2)
+    gx, gy = (np.ascontiguousarray(gradient * k, np.float32) for k in (-np.sin(angle), np.cos(angle)))
+    edges = np.zeros((8, 41, 41), np.uint8)
+    thin_oriented(gx, gy, np.float32(10.0), np.uint8(1), edges)
+    used = np.flatnonzero(edges.any((1, 2)))
+    assert used.tolist() == [int(np.floor(angle_deg / 22.5 + 0.5)) % 8]
+    rows, columns = np.nonzero(edges.any(0))
+    assert (np.abs(side[rows, columns]) <= 1.01).all()
+    assert 30 <= len(rows) <= 80  # pairs on an exact diagonal
