@@ -23,9 +23,10 @@ BIN := $(VENV)/bin
 RUN_STAMP := $(VENV)/.installed-run
 DEV_STAMP := $(VENV)/.installed-dev
 FUZZ_STAMP := $(VENV)/.installed-fuzz
+BOOK_STAMP := $(VENV)/.installed-book
 
 .DEFAULT_GOAL := help
-.PHONY: help install install-dev demo test test-fast faults faults-long fuzz lint types format lab wheel pictures bench clean clean-all
+.PHONY: help install install-dev demo test test-fast faults faults-long fuzz lint types format lab wheel pictures book bench clean clean-all
 .DELETE_ON_ERROR:
 
 help: ## list all targets
@@ -68,6 +69,10 @@ wheel: $(DEV_STAMP) ## build dist/acp_lab-*.whl, sample included
 pictures: $(DEV_STAMP) ## renew the moving picture of the README
 	"$(BIN)/python" -m benchmarks.moving_picture --parts "$(OUT)/parts"
 
+book: $(BOOK_STAMP) ## build the site: course with outputs, documents, reference; in book/_build/html
+	"$(BIN)/python" -m sphinx -b html -c book . book/_build/html
+	"$(BIN)/python" book/links.py book/_build/html
+
 bench: $(DEV_STAMP) ## accuracy and speed on DATASETS (default: the sample), see benchmarks/
 	"$(BIN)/python" -m benchmarks.tracking $(DATASETS) --parts "$(OUT)/bench_parts"
 
@@ -76,7 +81,7 @@ install: $(RUN_STAMP) ## make the environment, to use acp_lab
 install-dev: $(DEV_STAMP) ## make the environment, to work on acp_lab
 
 clean: ## remove what tests, builds and the demo left behind; keeps the environment
-	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis acp_lab_demo notebooks/course_files
+	rm -rf build dist book/_build book/_generated *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis acp_lab_demo notebooks/course_files
 	find . -name __pycache__ -type d -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 clean-all: clean ## remove the environment too
@@ -106,4 +111,8 @@ $(DEV_STAMP): pyproject.toml | $(BIN)/python
 # A fuzzer that follows coverage, where there is one for this system; without it random files come from hypothesis.
 $(FUZZ_STAMP): $(DEV_STAMP)
 	"$(BIN)/python" -m pip install $(PIP_ARGS) -e ".[fuzz]" || echo "note: no atheris here, hypothesis draws the files"
+	@touch "$@"
+
+$(BOOK_STAMP): pyproject.toml | $(DEV_STAMP)
+	"$(BIN)/python" -m pip install $(PIP_ARGS) -e ".[book]"
 	@touch "$@"

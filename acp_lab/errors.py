@@ -1,7 +1,7 @@
 """Errors that a user can fix.
 
 Every message is one line that names the file or value at fault and says what to do about it;
-the command line prints it after `error: ` and exits with status 2.
+the command line prints it after `error:` and exits with status 2.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -56,11 +57,16 @@ def open_lab(browser: bool = True, folder: Path | None = None) -> int:
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         command.append("--allow-root")  # Jupyter refuses to run as root otherwise
     process = subprocess.Popen(command, env=lab_environment(), stderr=sys.stderr)
-    while True:
-        try:
-            return process.wait()
-        except KeyboardInterrupt:
-            continue  # Ctrl-C reaches JupyterLab too, which asks whether it was meant
+    # Whoever ends this program means JupyterLab, which shuts its kernels down.
+    before = signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+    try:
+        while True:
+            try:
+                return process.wait()
+            except KeyboardInterrupt:
+                continue  # Ctrl-C reaches JupyterLab too, which asks whether it was meant
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def lab_environment() -> dict[str, str]:

@@ -9,9 +9,9 @@ each in units of half the box (a plate counts as thicker, as in `region_scores`)
   whichever four of the plane's points tell it.
 
 **Bounds.** A region's directions fill a pyramid over a face of the box. Seen from along its border, the plane's quad
-keeps at least 1 - |s| - |t| of the area that the mid-section's has there; from as far into the neighbouring regions as
-hysteresis goes (15%), 1 - 1.15 (|s| + |t|). So |s| + |t| stays below `LARGEST_TILT`: more than 0.4 of the
-area is left from everywhere, and the quad never turns its back. |o| stays below 1, inside the box, and the places in
+keeps at least `1 - |s| - |t|` of the area that the mid-section's has there; from as far into the neighbouring regions
+as hysteresis goes (15%), `1 - 1.15 (|s| + |t|)`. So `|s| + |t|` stays below `LARGEST_TILT`: more than 0.4 of the
+area is left from everywhere, and the quad never turns its back. `|o|` stays below 1, inside the box, and the places in
 the plane within `LARGEST_SHIFT` of the corners, so that four points stay a convex quad.
 """
 

@@ -3,7 +3,7 @@
 Used to show what moving control points would do to an image if nothing tied them to a rigid body.
 Convention: points are (x, y) px, source row i goes to destination row i; images are (h, w) or (h, w, 3).
 
-Source: F. Bookstein, "Principal warps" (1989): f(x) = a0 + A x + sum_i w_i U(|x - s_i|) with U(r) = r^2 log r
+Source: F. Bookstein, "Principal warps" (1989): `f(x) = a0 + A x + sum_i w_i U(|x - s_i|)` with `U(r) = r^2 log r`
 and its centres at the *source* points. The coefficients are solved here: `kornia.get_tps_transform` puts
 the centres at the destination: that also meets all points, but is another, less smooth surface.
 The image is warped by `kornia.warp_image_tps`, which needs normalised points (in pixels it returns black)

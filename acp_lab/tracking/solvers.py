@@ -2,7 +2,7 @@
 
 e is a sum of measures of the frame, each over edge points, and of quadratic priors. With J the motion of a point
 along its direction by the variables, r the residual (px still to go), w a weight and p the measure's precision
-(information of an edge point of full weight, per squared px), one step s minimises
+(information of an edge point of full weight, per squared px), one step s minimises::
 
     sum over measures of  p sum w (r - J s)^2 / N   +   sum over priors of  v |r_p - J_p s|^2,      N = sum of p w
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+import urllib.request
 from pathlib import Path
+
+import pytest
 
 from tests.browser.lab import CHROMIUM_FLAGS, server
 
@@ -31,3 +34,6 @@ def test_lab_opens_the_first_notebook_and_its_links(chromium: str, tmp_path: Pat
         page.locator(".jp-MarkdownViewer:visible a[href]", has_text="conventions").first.click()
         page.locator(".jp-MarkdownViewer h1", has_text="Conventions").wait_for()
         browser.close()
+    # `server` ends acp-lab, and that has to end JupyterLab.
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(url)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from acp_lab.display.widgets.manipulation_explorer import ManipulationExplorer
+from acp_lab.geometry.planar_pnp import solve_planar_pnp
+from acp_lab.geometry.pose import rotation_angle_deg
 from tests.display.scripted_hand import drag
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -52,3 +54,30 @@ def test_a_folded_quad_empties_the_panels_and_says_why(explorer: ManipulationExp
     assert explorer.panels["homography"].overlays == ()
     explorer.editor.undo()
     assert explorer.panels["homography"].problem == ""
+
+
+def test_green_is_called_what_it_is(explorer: ManipulationExplorer) -> None:
+    """No image says where the part is: green is where PnP puts it."""
+    labels = [str(layer) for canvas in (explorer.editor, *explorer.panels.values()) for layer in canvas.overlays]
+    assert any("part at the pose of PnP" in label for label in labels)
+    assert not any("truth" in label for label in labels)
+
+
+def test_the_pose_does_not_flip_along_a_drag(explorer: ManipulationExplorer) -> None:
+    """Of the two poses that fit, the one nearer to the last is kept, whichever reprojects better."""
+    turned, fits_better = [], 0
+    first, start = explorer.editor.points[0], explorer.study
+    assert start is not None
+    pose = start.cam_T_obj
+    for share in np.linspace(0.0, 1.0, 15):
+        points = explorer.editor.points.copy()
+        points[0] = first + share * np.array([40.0, -25.0])
+        explorer.editor.set_state({"points": points.tolist(), "dragging": True})
+        assert explorer.study is not None
+        now = explorer.study.cam_T_obj
+        turned.append(rotation_angle_deg(pose[:3, :3], now[:3, :3]))
+        best = solve_planar_pnp(explorer.bench.points_obj, points, explorer.bench.camera).poses[0]
+        fits_better += rotation_angle_deg(best[:3, :3], now[:3, :3]) > 5.0
+        pose = now
+    assert max(turned) < 12.0
+    assert fits_better > 0, "the drag must come by a place where the other pose fits better"

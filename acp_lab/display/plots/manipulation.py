@@ -1,6 +1,6 @@
 """Pictures of manipulated edges: each way over the truth, and how its error grows.
 
-Convention: px of the image; green is the truth at the PnP pose, orange what a way makes of the points.
+Convention: px of the image; green is the part at the pose of PnP, orange what a way makes of the points.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def draw_way(axes: Axes, way: Manipulated, study: ManipulationStudy, control_points: FloatArray) -> None:
     """One way's edges over the true ones, and I (4, 2); the title tells its Chamfer distance."""
-    draw_edges(axes, study.truth, TRUTH, "truth at the PnP pose", 3.0)
+    draw_edges(axes, study.truth, TRUTH, "part at the pose of PnP", 3.0)
     draw_edges(axes, way.edges, GENERATED, "manipulated", 1.2)
     draw_quad(axes, control_points, numbers=False)
     axes.set_xticks([])

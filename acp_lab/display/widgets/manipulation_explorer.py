@@ -21,6 +21,7 @@ from acp_lab.studies.manipulation import Manipulated, ManipulationBench, Manipul
 TURN_DEG = 5.0
 DEPTH_STEP = 0.05
 PANEL_HEIGHT_PX = 270
+PART = "part at the pose of PnP"
 ROOM = 1.7
 """A panel shows this many times the part's extent, so that there is room to drag."""
 
@@ -29,7 +30,8 @@ class ManipulationExplorer(ipywidgets.VBox):
     """An editor on the left, on the right one panel per way of manipulating edges, all following its points.
 
     editor: the `ControlPointEditor`, to be driven from Python as well. panels: by the way's name. study: the last
-    comparison, None while the points are degenerate. Green is the truth at the PnP pose, orange what a way makes.
+    comparison, None while the points are degenerate. Green is the part at the pose of PnP, orange what a way makes.
+    Of PnP's two poses it is the one nearer to the last, so that a drag in small steps does not flip the part.
     """
 
     def __init__(
@@ -93,7 +95,7 @@ class ManipulationExplorer(ipywidgets.VBox):
                 panel.problem, panel.status = self.editor.problem or "no pose shows these points", ""
             self.editor.status = ""
             return
-        self.editor.draw([edge_strokes(study.truth, TRUTH, "truth at the PnP pose")])
+        self.editor.draw([edge_strokes(study.truth, TRUTH, PART)])
         self.editor.status = f"a rigid part misses these points by {study.misfit_px:.1f} px (rms)"
         for number, way in enumerate(study.ways):
             panel = self.panels[way.name]
@@ -109,7 +111,7 @@ class ManipulationExplorer(ipywidgets.VBox):
 
 def _layers(way: Manipulated, study: ManipulationStudy, has_legend: bool) -> tuple[Overlay, ...]:
     """What a way makes over the truth; one legend serves all panels."""
-    truth, manipulated = ("truth", "manipulated") if has_legend else ("", "")
+    truth, manipulated = (PART, "manipulated") if has_legend else ("", "")
     return (
         edge_strokes(study.truth, TRUTH, truth, width_px=3.0),
         edge_strokes(way.edges, GENERATED, manipulated, width_px=1.2),
