@@ -30,6 +30,9 @@ SUFFIXES = (".ply", ".obj", ".stl", ".step", ".stp")
 
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
+LARGE_MESH = 100_000
+"""Vertices from which on memory counts more than the time to tidy it up."""
+
 STEP_TOLERANCE_MM = 0.02
 STEP_TOLERANCE_RAD = 0.1
 """How finely curved STEP surfaces are cut. cascadio's own 0.5 rad leaves small holes with a dozen corners, up to
@@ -109,9 +112,10 @@ def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArra
         faces.append(np.array(getattr(body, "faces", []), dtype=np.int64).reshape(-1, 3) + count)
         vertices.append(points.reshape(-1, 3))
         count += len(points)
-    # trimesh's objects refer to each other in circles: of a million faces they would keep hundreds of MB for long.
-    del scene, bodies
-    gc.collect()
+    if count > LARGE_MESH:
+        # trimesh's objects refer to each other in circles: of a million faces they would keep hundreds of MB for long.
+        del scene, bodies
+        gc.collect()
     return np.concatenate(vertices), np.concatenate(faces)
 
 
