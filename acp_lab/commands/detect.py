@@ -209,8 +209,11 @@ def _tile(frame: Frame, drawn: list[tuple[PreparedPart, tuple[Detection, ...]]],
         words.append(f"{model.part.name}: {scores}")
     picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
     for line, text in enumerate(words):
-        for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            cv2.putText(picture, text, (8, 20 + 20 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+        font, at = cv2.FONT_HERSHEY_SIMPLEX, (8, 20 + 20 * line)
+        (width, height), below = cv2.getTextSize(text, font, 0.5, 1)
+        # On a plate: wider strokes set letters further apart, so that an outline would not fit its text.
+        cv2.rectangle(picture, (at[0] - 2, at[1] - height - 2), (at[0] + width + 2, at[1] + below), (0, 0, 0), -1)
+        cv2.putText(picture, text, at, font, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
     return picture
 
 
