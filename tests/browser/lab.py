@@ -133,8 +133,12 @@ class Lab:
         self.page.wait_for_function(
             "(path) => window.jupyterapp.shell.currentWidget?.context?.path === path", arg=f"{name}.ipynb"
         )
-        self.page.evaluate("() => window.jupyterapp.shell.currentWidget.context.ready")
-        self.page.evaluate("() => window.jupyterapp.shell.currentWidget.sessionContext.ready")
+        # Kept by the page: a promise that only a waiting test holds may be collected before it is kept.
+        self.page.evaluate(
+            "() => { const shown = window.jupyterapp.shell.currentWidget; window.isReady = false; window.ready = "
+            "Promise.all([shown.context.ready, shown.sessionContext.ready]).then(() => { window.isReady = true; }); }"
+        )
+        self.page.wait_for_function("() => window.isReady")
         self.command("application:toggle-left-area") if self._sidebar_is_open() else None
         self.command("notebook:run-all-cells")
         self.page.wait_for_function(_LEFT_TO_RUN)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -152,6 +153,24 @@ def test_the_region_follows_the_view(part: Part, model: PreparedPart) -> None:
     assert regions[-1] == exact[-1] != exact[0]
     assert sum(a != b for a, b in zip(regions, exact, strict=True)) <= 2  # hysteresis
     assert max(errors_percent(part, tuple(results), truth)) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_part_that_was_hidden_is_found_at_once(part: Part, model: PreparedPart, seed: int) -> None:
+    """A patterned board hides it for five frames: what fits nothing there must not draw the tracker away."""
+    start = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    truth = poses(part, start, 14, np.array([0.01, -0.012, 0.008, 0.5, -0.3, 0.4]))
+    pattern = np.random.default_rng(seed).integers(40, 200, (20, 25)).astype(np.uint8)
+    board = cv2.cvtColor(cv2.resize(pattern, (CAMERA.width, CAMERA.height)), cv2.COLOR_GRAY2RGB)
+    tracker = Tracker(model)
+    results = []
+    for index, pose in enumerate(truth):
+        image = board.astype(np.uint8) if 6 <= index < 11 else draw([(part, pose)], index)
+        frame = Frame(index, image, CAMERA)
+        results.append(tracker.track(frame) if index else tracker.start(frame, pose))
+    assert results[9].state is TrackState.LOST
+    assert max(errors_percent(part, tuple(results[11:]), truth[11:])) < 2.0
+    assert results[-1].state is TrackState.TRACKING
 
 
 def hovering(part: Part, share: float, count: int) -> list[FloatArray]:
