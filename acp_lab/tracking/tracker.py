@@ -156,7 +156,9 @@ class Tracker:
             self._predictor.restart(self.last)
             self._carried = None
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
-        self._predictor.observe(solution.cam_T_obj, solution.judgement.quality, solution.information)
+        # As well as the target that sees best: blur leaves no edges, but colours.
+        quality = max(judgement.quality for judgement in solution.judgements)
+        self._predictor.observe(solution.cam_T_obj, quality, solution.information)
         self._carried = solution.estimate
         self._learn(frame, solution, clock)
         # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
