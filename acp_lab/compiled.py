@@ -15,7 +15,10 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def kernel(*signatures: str) -> Callable[[Function], Function]:
-    """Decorator: compile a function for these signatures, such as "f8[:](f8[:, ::1], i8)"."""
-    # No fastmath: NaN marks what is not known.
-    return cast("Callable[[Function], Function]", numba.njit(list(signatures), cache=True, nogil=True))
+def kernel(*signatures: str, fastmath: frozenset[str] = frozenset()) -> Callable[[Function], Function]:
+    """Decorator: compile a function for these signatures, such as "f8[:](f8[:, ::1], i8)".
+
+    fastmath: LLVM's flags for sums in another order and the like; none that forgets NaN, which marks what is not known.
+    """
+    compiled = numba.njit(list(signatures), cache=True, nogil=True, fastmath=set(fastmath))
+    return cast("Callable[[Function], Function]", compiled)

@@ -121,6 +121,12 @@ class Part:
         return cls(name, None, sha256, vertices, faces, diameter, *_box(vertices), symmetries)
 
 
+def box_corners(part: Part) -> FloatArray:
+    """(8, 3) mm, object frame: the corners of a part's box; corner i has the bits of i as its sides (x, y, z)."""
+    bits = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
+    return part.box_min + bits * part.box_size
+
+
 def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[FloatArray, IntArray]:
     """Merge duplicate vertices, drop faces without area, turn a closed mesh that is inside out back.
 

@@ -2,44 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from acp_lab.commands import console, interrupt
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.protocol import Sequence, at_most
+from acp_lab.sequences.frame import UnreadableFrame
+from acp_lab.sequences.protocol import Sequence
 
 FRAMES_TO_TRY = 30
-
-
-class LaterStart:
-    """A sequence from one of its frames on; everything else is that of the sequence behind it."""
-
-    def __init__(self, sequence: Sequence, first_id: int) -> None:
-        self.sequence, self.first_id = sequence, first_id
-        self.name, self.scene_id, self.object_ids = sequence.name, sequence.scene_id, sequence.object_ids
-        self.frame_ids = tuple(i for i in sequence.frame_ids if i >= first_id)
-
-    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
-        """From the start on, at most max_frames."""
-        return at_most((f for f in self.sequence.frames() if f.index >= self.first_id), max_frames)
-
-    def truth(self, frame_id: int, object_id: int) -> FloatArray | None:
-        """As in the sequence behind it."""
-        return self.sequence.truth(frame_id, object_id)
-
-    @property
-    def first_poses(self) -> Mapping[int, FloatArray]:
-        """Of the sequence behind it, in its own first frame."""
-        return self.sequence.first_poses
-
-    @property
-    def first_pose(self) -> FloatArray:
-        """Of the sequence behind it, in its own first frame."""
-        return self.sequence.first_pose
 
 
 @dataclass(frozen=True, eq=False)

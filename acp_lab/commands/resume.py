@@ -50,7 +50,9 @@ class Resumption:
             return None
         if job.sequence.scene_id != self.scene_id or self.im_id is None or self.starts is None:
             return job
-        return replace(job, sequence=RestOfSequence(job.sequence, self.im_id), starts=self.starts)
+        rest = RestOfSequence(job.sequence, self.im_id)
+        done = len(job.sequence.frame_ids) - len(rest.frame_ids)
+        return replace(job, sequence=rest, starts=self.starts, tracked_before=done)
 
     def told(self, is_left: bool) -> str:
         """One line: what happens."""

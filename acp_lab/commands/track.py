@@ -144,11 +144,15 @@ def _is_writable(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class SceneJob:
-    """One scene, and the parts to track in it with their start poses (4, 4), by object id."""
+    """One scene, and the parts to track in it with their start poses (4, 4), by object id.
+
+    tracked_before: frames that an earlier run of the same job has done, which count among --max-frames.
+    """
 
     sequence: Sequence
     models: Mapping[int, PreparedPart]
     starts: Mapping[int, FloatArray]
+    tracked_before: int = 0
 
 
 @dataclass
@@ -229,11 +233,12 @@ def _found_jobs(
 def _job_found(
     options: TrackOptions, sequence: Sequence, meshes: Mapping[int, Path], shelf: PartShelf
 ) -> list[SceneJob]:
-    from acp_lab.commands.auto_start import LaterStart, find_starts
+    from acp_lab.commands.auto_start import find_starts
+    from acp_lab.sequences.rest import RestOfSequence
 
     models = {object_id: shelf.part(mesh) for object_id, mesh in meshes.items()}
     return [
-        _job(options, LaterStart(sequence, start.frame_id), {i: meshes[i] for i in start.poses}, start.poses, shelf)
+        _job(options, RestOfSequence(sequence, start.frame_id), {i: meshes[i] for i in start.poses}, start.poses, shelf)
         for start in find_starts(sequence, models)
     ]
 

@@ -20,7 +20,6 @@ from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.rest import RestOfSequence
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
@@ -208,9 +207,7 @@ def _follow(
     job: SceneJob, method: Method, options: TrackOptions, listening: Sequence[Observer]
 ) -> tuple[ObjectSummary, ...]:
     """Track one scene."""
-    most = options.max_frames
-    if most is not None and isinstance(job.sequence, RestOfSequence):
-        most -= job.sequence.skipped
+    most = None if options.max_frames is None else options.max_frames - job.tracked_before
     count = len(job.sequence.frame_ids)
     seen, reporter = SummaryObserver(), Reporter(min(count, most or count))
     follow_sequence(

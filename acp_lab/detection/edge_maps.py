@@ -9,9 +9,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from acp_lab.geometry.arrays import ByteImage, Float32Array
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
+from acp_lab.imaging.edge_search import SCHARR_GAIN
 
-_SCHARR_GAIN = 1.0 / 32.0
 LEAST_GRADIENT = 5.0
 """Grey levels per px; below lie noise and brushed surfaces."""
 _BLUR_PX = 0.8
@@ -35,8 +35,8 @@ def gradients(image: ByteImage) -> tuple[Float32Array, Float32Array]:
     """(h, w) grey levels per px, x and y, of the colour channel with the strongest gradient."""
     smooth = cv2.GaussianBlur(image, (0, 0), _BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     border = cv2.BORDER_REPLICATE
-    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=_SCHARR_GAIN, borderType=border)
-    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=_SCHARR_GAIN, borderType=border)
+    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=border)
+    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=border)
     best_x: Float32Array = np.ascontiguousarray(gx[..., 0], np.float32)
     best_y: Float32Array = np.ascontiguousarray(gy[..., 0], np.float32)
     best = best_x * best_x + best_y * best_y
@@ -48,6 +48,12 @@ def gradients(image: ByteImage) -> tuple[Float32Array, Float32Array]:
         np.copyto(best_y, y, where=stronger)
         np.copyto(best, square, where=stronger)
     return best_x, best_y
+
+
+def direction_bins(tangents: FloatArray, bins: int, turned_rad: FloatArray | float = 0.0) -> IntArray:
+    """(...) the bin of edges with directions (..., 2), after a turn in the image plane."""
+    angle = np.arctan2(tangents[..., 1], tangents[..., 0]) + turned_rad
+    return np.floor(angle / np.pi * bins + 0.5).astype(np.int64) % bins
 
 
 def oriented_edges(image: ByteImage, bins: int) -> ByteImage:

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from acp_lab.cad.part import Part
+from acp_lab.cad.part import Part, box_corners
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
+from acp_lab.detection.edge_maps import direction_bins
 from acp_lab.detection.pose_search import MAP_BINS, DistanceMaps
 from acp_lab.detection.view_templates import CELL_DIAMETERS, spread
 from acp_lab.generator.base import RigidGenerator, project_samples
 from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
 
 _REACH_PX = 4.0
 _EXPLAINED_PX = 3
@@ -88,7 +90,7 @@ class Witness:
     def look(self, cam_T_obj: FloatArray) -> Evidence | None:
         """The evidence for a pose (4, 4); None where the part is behind the camera or hardly in the image."""
         part, maps = self._part, self._maps
-        centre = cam_T_obj[:3, :3] @ part.box_centre + cam_T_obj[:3, 3]
+        centre = transform(cam_T_obj, part.box_centre)
         if centre[2] <= part.radius:
             return None
         level = int(maps.level(centre[2:])[0])
@@ -107,13 +109,12 @@ class Witness:
             return None
         edges = project_samples(self._generator.edges, visible, cam_T_obj, camera)
         rows = spread(edges.points, edges.tangents, edges.outline, CELL_DIAMETERS * maps.search_px)
-        bins = np.floor(np.arctan2(edges.tangents[:, 1], edges.tangents[:, 0]) / np.pi * MAP_BINS + 0.5)
         column, line = (np.floor(edges.points[:, k] + 0.5).astype(np.int64) for k in (0, 1))
         seen = (column >= 0) & (line >= 0) & (column < width) & (line < height)
         rows = rows[seen[rows]]
         if len(rows) < 12:
             return None
-        at = (bins.astype(np.int64)[rows] % MAP_BINS, line[rows], column[rows])
+        at = (direction_bins(edges.tangents[rows], MAP_BINS), line[rows], column[rows])
         near = np.maximum(1.0 - distance[at] / _REACH_PX, 0.0)
         usual = maps.response(level, _REACH_PX)[at]
         outline = edges.outline[rows]
@@ -146,9 +147,7 @@ class Witness:
         return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
     def _corners(self, cam_T_obj: FloatArray) -> FloatArray:
-        grid = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
-        corners = self._part.box_min + grid * self._part.box_size
-        corners = corners @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
+        corners = transform(cam_T_obj, box_corners(self._part))
         corners[:, 2] = np.maximum(corners[:, 2], 1.0)
         return corners
 

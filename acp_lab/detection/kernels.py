@@ -1,26 +1,28 @@
 """The inner loops of the detector, compiled: template sums, and the score of a pose on distance maps.
 
-Compiled once per machine (numba keeps the result beside this file or in its cache folder); the tests hold slow
-NumPy twins.
+Samples, poses and the camera are float32: there are thousands of each in an image.
 """
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import ByteImage, Float32Array
 
 CHUNK = 4096
 """Positions that are summed at once: two bytes each, what fits the nearest cache with room for the planes."""
 
 
-@numba.njit(
+@kernel(
     "void(int8[:, ::1], int32[:, ::1], int32[:, ::1], int64[::1], float32[::1], int64[::1], int64, int64,"
     " float32[:, ::1], int32[:, ::1])",
-    cache=True,
-    nogil=True,
 )
-def scan_templates(planes, plane_of, shifts, counts, gains, groups, first, length, best, best_template):  # type: ignore[no-untyped-def]
-    """The best template of each group at each position; see `scan.Scanner`.
+def scan_templates(
+    planes: np.ndarray, plane_of: np.ndarray, shifts: np.ndarray, counts: np.ndarray, gains: Float32Array,
+    groups: np.ndarray, first: int, length: int, best: Float32Array, best_template: np.ndarray,
+) -> None:  # fmt: skip
+    """The best template of each group at each position; see `scan.scan`.
 
     planes: (p, n) responses of one direction and phase each. plane_of, shifts: (t, f) which plane a feature reads,
     and how far from the position. best, best_template: (groups, length), updated.
@@ -46,15 +48,20 @@ def scan_templates(planes, plane_of, shifts, counts, gains, groups, first, lengt
                     ids[i] = t
 
 
-@numba.njit(
+@kernel(
     "float32(uint8[:, :, ::1], float32, float32, float32, float32, float32[:, ::1], float32[:, ::1], int64,"
     " float32[:, ::1], float32[::1], float32[::1])",
-    cache=True,
-    nogil=True,
-    fastmath={"contract", "reassoc", "arcp", "nsz"},
+    fastmath=frozenset({"contract", "reassoc", "arcp", "nsz"}),
 )
-def pose_score(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, table):  # type: ignore[no-untyped-def]
-    """Mean of table[distance] over samples projected at a pose; see `pose_search.PoseSearch`."""
+def pose_score(
+    maps: ByteImage, fx: np.float32, fy: np.float32, cx: np.float32, cy: np.float32, points: Float32Array,
+    tangents: Float32Array, count: int, rotation: Float32Array, centre: Float32Array, table: Float32Array,
+) -> np.float32:  # fmt: skip
+    """Mean of table[distance] over samples projected at a pose; see `pose_search.search_round`.
+
+    maps: (bins, h, w). points, tangents: (k, 3) mm about the box centre, object frame, the first `count` in use.
+    rotation: (3, 3) object to camera; centre: (3,) mm, the box centre in the camera. table: (256,) of the maps' levels.
+    """
     bins, height, width = maps.shape
     total = np.float32(0.0)
     per_rad = np.float32(bins / np.pi)
@@ -91,13 +98,15 @@ def pose_score(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, 
     return total / np.float32(count)
 
 
-@numba.njit(
+@kernel(
     "float32(uint8[:, :, ::1], float32, float32, float32, float32, float32[:, ::1], float32[:, ::1], int64,"
     " float32[:, ::1], float32[::1], float32[::1], float32, float32, float32, int64)",
-    cache=True,
-    nogil=True,
 )
-def climb(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, table, turn, shift, away, rounds):  # type: ignore[no-untyped-def]
+def climb(
+    maps: ByteImage, fx: np.float32, fy: np.float32, cx: np.float32, cy: np.float32, points: Float32Array,
+    tangents: Float32Array, count: int, rotation: Float32Array, centre: Float32Array, table: Float32Array,
+    turn: np.float32, shift: np.float32, away: np.float32, rounds: int,
+) -> np.float32:  # fmt: skip
     """Pattern search (R. Hooke and T. Jeeves 1961) over six axes from a pose, which it changes; the score there.
 
     turn: rad about the camera's axes through the part's centre; shift: mm across, away: share of the depth; all are
@@ -137,12 +146,12 @@ def climb(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, table
     return here
 
 
-@numba.njit(
+@kernel(
     "void(float32[:, ::1], float32[:, ::1], float32, uint8, uint8[:, :, ::1])",
-    cache=True,
-    nogil=True,
 )
-def thin_oriented(gradient_x, gradient_y, least, value, edges):  # type: ignore[no-untyped-def]
+def thin_oriented(
+    gradient_x: Float32Array, gradient_y: Float32Array, least: np.float32, value: np.uint8, edges: ByteImage
+) -> None:
     """Gradient maxima across edges, as `value` in the bin of the edge's direction; edges: (bins, h, w), zero before.
 
     The bin of the edge's direction, at right angles to the gradient.

@@ -16,6 +16,7 @@ from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.edge_maps import direction_bins
 from acp_lab.generator.base import RigidGenerator, VisibleSamples
 from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from acp_lab.geometry.pose import make_pose
@@ -121,8 +122,7 @@ def make_templates(views: Views, diameter: float, config: DetectionConfig) -> Te
     cosine, sine = np.cos(turns), np.sin(turns)
     matrices = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)  # (turns, 2, 2)
     turned = np.einsum("rij,vfj->vrfi", matrices, flat)
-    angle = np.arctan2(along[..., 1], along[..., 0])[:, None] + turns[:, None]
-    bins = np.floor(angle / np.pi * SCAN_BINS + 0.5).astype(np.int64) % SCAN_BINS
+    bins = direction_bins(along[:, None], SCAN_BINS, turns[:, None])
     gains = views.lengths**config.length_power / count
     number = len(views.counts) * config.turns
     return Templates(
@@ -141,7 +141,7 @@ def spread(points: FloatArray, tangents: FloatArray, outline: BoolArray, cell_px
     Parallel edges close together match one edge of the image all at once; without this, views from the side, all
     parallel lines, are found on every cable and rod. A direction counts by the root of its length.
     """
-    bins = np.floor(np.arctan2(tangents[:, 1], tangents[:, 0]) / np.pi * SCAN_BINS + 0.5).astype(np.int64) % SCAN_BINS
+    bins = direction_bins(tangents, SCAN_BINS)
     cells = np.floor((points - points.min(0)) / cell_px).astype(np.int64)
     _, first = np.unique((cells[:, 1] * 100_000 + cells[:, 0]) * SCAN_BINS + bins, return_index=True)
     rows = np.sort(first)

@@ -1,4 +1,4 @@
-"""The rest of a sequence, from one of its frames on; for runs that go on where another one stopped."""
+"""The rest of a sequence, from one of its frames on: where another run stopped, or where a part was found."""
 
 from __future__ import annotations
 
@@ -14,16 +14,14 @@ from acp_lab.sequences.protocol import Sequence, at_most
 class RestOfSequence:
     """The frames of a sequence from the image id `first` on; ids and truth are the sequence's own.
 
-    skipped: how many frames come before.
     Raises SequenceError when the sequence announces its frames and `first` is none of them.
     """
 
     def __init__(self, sequence: Sequence, first: int) -> None:
-        if first not in sequence.frame_ids:
+        if sequence.frame_ids and first not in sequence.frame_ids:
             raise SequenceError(f"{sequence.name}: has no image {first} to go on from: track it from its first frame")
         self.sequence, self.first = sequence, first
         self.frame_ids = tuple(frame_id for frame_id in sequence.frame_ids if frame_id >= first)
-        self.skipped = len(sequence.frame_ids) - len(self.frame_ids)
         self.name, self.scene_id, self.object_ids = sequence.name, sequence.scene_id, sequence.object_ids
 
     def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from acp_lab.cad.part import box_corners
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import REGION_COUNT, choose_region
 from acp_lab.errors import GeometryError
@@ -18,7 +19,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.tracking.frame_view import Estimate, FrameView, box_corners, crop_box
+from acp_lab.tracking.frame_view import Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.result import TrackStep

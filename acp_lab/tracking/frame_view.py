@@ -159,12 +159,6 @@ class FrameView(View):
     box: Box
 
 
-def box_corners(part: Part) -> FloatArray:
-    """(8, 3) mm: the corners of a part's bounding box in the object frame."""
-    (x0, y0, z0), (x1, y1, z1) = part.box_min, part.box_max
-    return np.array([[x, y, z] for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
-
-
 def crop_box(corners_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, margin_px: float) -> Box | None:
     """The box around a part's corners (8, 3) mm at a pose (4, 4), wider by a margin.
 

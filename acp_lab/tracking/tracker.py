@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from acp_lab.cad.part import box_corners
 from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.errors import PreparationError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
@@ -20,7 +21,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.frame_view import Estimate, View, box_corners
+from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.motions import ControlPointVariables

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acp_lab.cad.part import Part
+from acp_lab.cad.part import Part, box_corners
 from acp_lab.control_points.canonical_frame import CANONICAL_SIZE
 from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import FloatArray
@@ -15,7 +15,7 @@ from acp_lab.geometry.homography import apply_homography
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.tracking.frame_view import View, box_corners, crop_box
+from acp_lab.tracking.frame_view import View, crop_box
 from tests.made_parts import looking_at
 from tests.tracking.rendered import CAMERA
 from tests.tracking.views import prior_of, view_at

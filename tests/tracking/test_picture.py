@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.cad.part import box_corners
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, transform
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.frame_view import box_corners
 from acp_lab.tracking.kalman import KalmanPrediction, PoseKalman
 from acp_lab.tracking.picture import Picture, PictureSearch, take_picture
 from tests.made_parts import box

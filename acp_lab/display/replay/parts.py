@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from acp_lab.cad.edges import CREASE_ANGLE_DEG
-from acp_lab.cad.part import Part
+from acp_lab.cad.part import Part, box_corners
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.geometry.arrays import FloatArray, IntArray
@@ -73,12 +73,6 @@ def cad_edges(part: Part) -> FloatArray:
     ends = part.vertices[np.asarray(mesh.face_adjacency_edges)[crease]].reshape(-1, 2, 3)
     longest = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), kind="stable")
     return ends[np.sort(longest[:MOST_CAD_EDGES])]
-
-
-def box_corners(part: Part) -> FloatArray:
-    """(8, 3) mm; corner i has the bits of i as its sides (x, y, z)."""
-    bits = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
-    return part.box_min + bits * part.box_size
 
 
 def box_lines(part: Part) -> list[FloatArray]:

@@ -260,7 +260,7 @@ class NormalJudgement:
         """In [0, 1]: mean over the points of `found`; 0 without points."""
         return float(self.found.mean()) if len(self.found) else 0.0
 
-    @property
+    @cached_property
     def score(self) -> float:
         """The quality, for a share without what the memory says."""
         share = self.measure.plain_share

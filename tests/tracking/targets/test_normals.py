@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acp_lab.cad.part import Part
+from acp_lab.cad.part import Part, box_corners
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
@@ -16,7 +16,7 @@ from acp_lab.geometry.pose_step import move_pose
 from acp_lab.imaging.edge_search import SearchConfig
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.frame_view import Estimate, FrameView, box_corners, crop_box
+from acp_lab.tracking.frame_view import Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge, SampleLearning
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.sources.rigid import RigidSource
