@@ -18,6 +18,7 @@ from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
+from acp_lab.detection.view_templates import SUBDIVISIONS, make_views
 from acp_lab.errors import PreparationError
 from acp_lab.files import write_whole
 from acp_lab.generator.painted.config import AutoencoderConfig
@@ -94,6 +95,10 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
         job.store(model)
     if trains:
         model = _train_networks(model, job)
+    if model.views is None:
+        # By rays, not by a generator, which may gain regions or be trained anew.
+        seen = build_templates(part, model.edges, job.caster, subdivisions=SUBDIVISIONS)
+        model = replace(model, views=make_views(part, seen))
     job.store(model)
     return model
 

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from math import log
 
 import numpy as np
 import trimesh
 
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.edge_maps import without_specks
 from acp_lab.detection.evidence import Evidence, Witness
+from acp_lab.detection.pose_prior import PosePrior, rotation_from_axis
 from acp_lab.detection.pose_search import ROUNDS, DistanceMaps, Poses, distinct, search_round
 from acp_lab.detection.scan import Candidates, scan
 from acp_lab.detection.view_templates import Templates, Views, make_templates, make_views
+from acp_lab.detection.work import Steps, finish
 from acp_lab.generator.base import RigidGenerator
 from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
 
-FINE_SUBDIVISIONS = 3
-"""Of the views whose samples the pose search projects."""
+EVIDENCE_WORK = 1500.0
+"""Of a pose, see `work`."""
+# Half the distance of neighbouring views and turns of the scan; how far a pose search strays from where it starts.
+_SCAN_SLACK_DEG, _SEARCH_SLACK_DEG = 12.0, 25.0
+_LEAST_SHARE = 0.04
+_LEAST_WINDOW_PX = 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,26 +64,35 @@ class Look:
 
 
 class Detector:
-    """Finds one part in images; templates are made once, in about half a second."""
+    """Finds one part in images."""
 
-    def __init__(self, part: Part, generator: RigidGenerator, config: DetectionConfig | None = None) -> None:
+    def __init__(
+        self,
+        part: Part,
+        generator: RigidGenerator,
+        config: DetectionConfig | None = None,
+        views: Views | None = None,
+    ) -> None:
+        """views: as they are stored with the part; without them they are made when they are first asked for."""
         self.part, self.generator = part, generator
+        self._stored_views = views
+        self._turns = part.symmetries.transforms()
         self.config = config or DetectionConfig()
         self._caster: RayCaster = make_caster(part)
 
     def prepare(self) -> None:
         """Make all of it now instead of when it is first asked for."""
-        _ = self.fine_views, self.templates, self.groups
+        _ = self.views, self.templates, self.groups
 
     @cached_property
     def views(self) -> Views:
         """Those that are scanned."""
-        return make_views(self.part, self.generator, self.config.view_subdivisions)
+        return self.fine_views.subdivided(self.config.view_subdivisions)
 
     @cached_property
     def fine_views(self) -> Views:
         """Those whose samples the pose search projects."""
-        return make_views(self.part, self.generator, FINE_SUBDIVISIONS)
+        return self._stored_views or make_views(self.part, self.generator)
 
     @cached_property
     def templates(self) -> Templates:
@@ -88,20 +106,77 @@ class Detector:
         nearest: IntArray = np.argmax(self.views.directions_obj @ corners.T, axis=1).astype(np.int64)
         return nearest[self.templates.views]
 
-    def candidates(self, image: ByteImage, camera: Camera) -> Look:
-        """Candidates in an undistorted image (h, w, 3) RGB; none is an answer."""
-        image = without_specks(image)
+    def candidates(self, image: ByteImage, camera: Camera, prior: PosePrior | None = None) -> Look:
+        """Candidates in an undistorted image (h, w, 3) RGB, near a prior if one is given; none is an answer."""
+        return finish(self.search(image, camera, prior))
+
+    def search(self, image: ByteImage, camera: Camera, prior: PosePrior | None = None) -> Steps[Look]:
+        """`candidates`, in slices."""
         config, diameter = self.config, self.part.diameter
+        templates, groups, views = self.templates, self.groups, self.fine_views
+        if prior is not None:
+            config = self._narrowed(prior)
+            near = prior.allows(self._template_rotations, self.part.box_centre, self._turns, _SCAN_SLACK_DEG)
+            templates, groups, views = templates.take(near), groups[near], self._views_near(prior)
+            image, camera = self._window(image, camera, prior)
+        image = without_specks(image)
         maps = DistanceMaps(image, camera, diameter, config)
         witness = Witness(self.part, self.generator, self._caster, maps)
-        scanned = scan(image, camera, diameter, self.templates, self.groups, config)
-        poses = start_poses(scanned, self.templates, self.views, camera)
+        if not len(templates) or not len(views):
+            return Look((), witness)
+        scanned = yield from scan(image, camera, diameter, templates, groups, config)
+        poses = start_poses(scanned, templates, self.views, camera)
         for how, most in zip(ROUNDS, (*config.kept, config.verified), strict=True):
-            poses = distinct(search_round(maps, self.fine_views, poses, diameter, how), diameter, most)
-        found = [
-            Candidate(pose, evidence) for pose in self._matrices(poses) if (evidence := witness.look(pose)) is not None
-        ]
+            poses = yield from search_round(maps, views, poses, diameter, how)
+            poses = yield from distinct(poses, diameter, most)
+        found = []
+        for pose, level in zip(self._matrices(poses), maps.level(poses.centres[:, 2].astype(np.float64)), strict=True):
+            yield from maps.making_distances(int(level))
+            evidence = witness.look(pose)
+            if evidence is not None:
+                found.append(Candidate(pose, evidence))
+            yield EVIDENCE_WORK
         return Look(tuple(sorted(found, key=lambda candidate: -candidate.score)), witness)
+
+    def _narrowed(self, prior: PosePrior) -> DetectionConfig:
+        """With the prior's depths, and as many candidates as its share of all poses asks for."""
+        config, depth_mm = self.config, prior.depth_mm(self.part.box_centre)
+        share = log(prior.depth_ratio**2) / log(config.depth_mm[1] / config.depth_mm[0])
+        share *= min(1.0, 2.0 * prior.within_deg / 180.0)
+        share = min(max(share, _LEAST_SHARE), 1.0)
+        return replace(
+            config,
+            depth_mm=depth_mm,
+            starts=round(share * config.starts),
+            kept=tuple(round(share * kept) for kept in config.kept),
+            verified=round(share * config.verified),
+        )
+
+    @cached_property
+    def _template_rotations(self) -> FloatArray:
+        """(t, 3, 3) object to a camera that looks at the part's centre."""
+        return turned_views(self.templates, self.views, np.arange(len(self.templates)))
+
+    def _views_near(self, prior: PosePrior) -> Views:
+        """Those of the pose search, whatever their turn in the image plane."""
+        eyes = np.stack([eye_position(prior.cam_T_obj @ turn) for turn in self._turns]) - self.part.box_centre
+        eyes /= np.maximum(np.linalg.norm(eyes, axis=1, keepdims=True), 1e-9)
+        most = np.radians(min(prior.within_deg + _SEARCH_SLACK_DEG, 180.0))
+        return self.fine_views.take((self.fine_views.directions_obj @ eyes.T).max(1) >= np.cos(most) - 1e-9)
+
+    def _window(self, image: ByteImage, camera: Camera, prior: PosePrior) -> tuple[ByteImage, Camera]:
+        """The image around where the part may be, and its camera."""
+        if prior.around_px is None:
+            return image, camera
+        centre = transform(prior.cam_T_obj, self.part.box_centre)
+        reach = prior.around_px + 0.5 * self.part.diameter * camera.fx * prior.depth_ratio / max(centre[2], 1.0)
+        x, y = camera.project(centre[None])[0] if centre[2] > 1.0 else (camera.cx, camera.cy)
+        x0, x1 = (int(np.clip(v, 0, camera.width)) for v in (x - reach, x + reach))
+        y0, y1 = (int(np.clip(v, 0, camera.height)) for v in (y - reach, y + reach))
+        if min(x1 - x0, y1 - y0) < _LEAST_WINDOW_PX:
+            return image, camera
+        cropped = Camera(x1 - x0, y1 - y0, camera.fx, camera.fy, camera.cx - x0, camera.cy - y0)
+        return np.ascontiguousarray(image[y0:y1, x0:x1]), cropped
 
     def _matrices(self, poses: Poses) -> list[FloatArray]:
         """(4, 4) each, rotations made exact again after many small steps in float32."""
@@ -120,15 +195,15 @@ def start_poses(candidates: Candidates, templates: Templates, views: Views, came
     rays = camera.rays(candidates.centres) if len(candidates) else np.zeros((0, 3))
     centres = rays * candidates.depths[:, None]
     axis = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-9)
-    turns = templates.turns_rad[candidates.templates]
-    count = len(candidates)
-    in_plane = np.tile(np.eye(3), (count, 1, 1))
+    rotations = rotation_from_axis(axis) @ turned_views(templates, views, candidates.templates)
+    return Poses(rotations.astype(np.float32), centres.astype(np.float32), candidates.scores.astype(np.float32))
+
+
+def turned_views(templates: Templates, views: Views, rows: IntArray) -> FloatArray:
+    """(n, 3, 3) rotations of templates, object to a camera that looks at the part's centre."""
+    turns = templates.turns_rad[rows]
+    in_plane = np.tile(np.eye(3), (len(rows), 1, 1))
     in_plane[:, 0, 0] = in_plane[:, 1, 1] = np.cos(turns)
     in_plane[:, 1, 0], in_plane[:, 0, 1] = np.sin(turns), -np.sin(turns)
-    # The shortest turn from the optical axis to the ray.
-    cross = np.zeros((count, 3, 3))
-    cross[:, 0, 2], cross[:, 2, 0] = axis[:, 0], -axis[:, 0]
-    cross[:, 1, 2], cross[:, 2, 1] = axis[:, 1], -axis[:, 1]
-    to_ray = np.eye(3) + cross + cross @ cross / (1.0 + axis[:, 2])[:, None, None]
-    rotations = to_ray @ in_plane @ views.rotations[templates.views[candidates.templates]]
-    return Poses(rotations.astype(np.float32), centres.astype(np.float32), candidates.scores.astype(np.float32))
+    rotations: FloatArray = in_plane @ views.rotations[templates.views[rows]]
+    return rotations

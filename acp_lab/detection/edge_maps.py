@@ -9,12 +9,15 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from acp_lab.detection.work import Steps
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.imaging.edge_search import SCHARR_GAIN
 
 LEAST_GRADIENT = 5.0
 """Grey levels per px; below lie noise and brushed surfaces."""
 _BLUR_PX = 0.8
+GRADIENT_WORK, THIN_WORK, LAYER_WORK = 0.02, 0.008, 0.003
+"""Of a pixel, see `work`."""
 
 
 def without_specks(image: ByteImage) -> ByteImage:
@@ -56,19 +59,23 @@ def direction_bins(tangents: FloatArray, bins: int, turned_rad: FloatArray | flo
     return np.floor(angle / np.pi * bins + 0.5).astype(np.int64) % bins
 
 
-def oriented_edges(image: ByteImage, bins: int) -> ByteImage:
+def oriented_edges(image: ByteImage, bins: int) -> Steps[ByteImage]:
     """(bins, h, w) uint8: 1 where an edge of that direction runs, one px wide."""
     from acp_lab.detection.kernels import thin_oriented
 
     gx, gy = gradients(image)
+    yield GRADIENT_WORK * gx.size
     edges = np.zeros((bins, *gx.shape), np.uint8)
     thin_oriented(gx, gy, np.float32(LEAST_GRADIENT), np.uint8(1), edges)
+    yield THIN_WORK * gx.size
     return edges
 
 
-def distances(edges: ByteImage, most_px: float) -> Float32Array:
+def distances(edges: ByteImage, most_px: float) -> Steps[Float32Array]:
     """(bins, h, w) px to the nearest edge of each direction, at most `most_px`."""
     found = np.empty(edges.shape, np.float32)
     for layer, out in zip(edges, found, strict=True):
         cv2.distanceTransform(1 - layer, cv2.DIST_L2, 3, dst=out)
-    return np.minimum(found, np.float32(most_px), out=found)
+        np.minimum(out, np.float32(most_px), out=out)
+        yield LAYER_WORK * layer.size
+    return found

@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.edge_maps import distances, oriented_edges, resized
+from acp_lab.detection.edge_maps import LAYER_WORK, distances, oriented_edges, resized
 from acp_lab.detection.view_templates import Views
+from acp_lab.detection.work import Steps, finish
 from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 
@@ -30,20 +31,29 @@ ZERO_LEVEL = 64
 _UNITS = 160.0
 _LOCAL_MEAN_SHARE = 0.7
 _LENGTH_POWER = 0.5
+_DISTINCT_WORK = 14.0
+"""Of a pose that is compared with those kept."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """A round of the search: reach of the edges (px), first steps (degrees, diameters, share of depth), halvings."""
+    """A round of the search: reach of the edges (px), first steps (degrees, diameters, share of depth), halvings, and
+    the work of a pose, see `work`.
+    """
 
     reach_px: float
     turn_deg: float
     shift_diameters: float
     depth_share: float
     halvings: int
+    work: float
 
 
-ROUNDS = (Round(8.0, 6.0, 0.04, 0.05, 2), Round(4.0, 4.0, 0.02, 0.03, 3), Round(4.0, 2.0, 0.01, 0.015, 3))
+ROUNDS = (
+    Round(8.0, 6.0, 0.04, 0.05, 2, 150.0),
+    Round(4.0, 4.0, 0.02, 0.03, 3, 170.0),
+    Round(4.0, 2.0, 0.01, 0.015, 3, 80.0),
+)
 
 
 class DistanceMaps:
@@ -68,16 +78,31 @@ class DistanceMaps:
 
     def scaled(self, level: int) -> tuple[float, Float32Array]:
         """Scale of a level, and distances (bins, h, w) px by direction."""
-        if level not in self._distances:
-            image = self.image(level)
-            edges = oriented_edges(image, MAP_BINS)
-            self._edges[level] = edges.max(0) > 0
-            found = distances(edges, 12.0)
-            for _ in range(2):  # a direction near that of the edge counts as a little further
-                beside = np.minimum(np.roll(found, 1, 0), np.roll(found, -1, 0)) + np.float32(_PX_PER_BIN)
-                np.minimum(found, beside, out=found)
-            self._distances[level] = (image.shape[1] / self._image.shape[1], found)
+        finish(self.making_distances(level))
         return self._distances[level]
+
+    def making(self, level: int, reach_px: float) -> Steps[None]:
+        """Make the map of a level in slices, if it is not there."""
+        yield from self.making_distances(level)
+        yield from self._making_map(level, reach_px)
+
+    def making_distances(self, level: int) -> Steps[None]:
+        """What `scaled` gives, in slices, if it is not there."""
+        if level in self._distances:
+            return
+        image = self.image(level)
+        edges = yield from oriented_edges(image, MAP_BINS)
+        found = yield from distances(edges, 12.0)
+        for _ in range(2):  # a direction near that of the edge counts as a little further
+            first, before = found[0].copy(), found[-1].copy()
+            for k, layer in enumerate(found):
+                after = first if k == MAP_BINS - 1 else found[k + 1]
+                beside = np.minimum(before, after) + np.float32(_PX_PER_BIN)
+                before = layer.copy()
+                np.minimum(layer, beside, out=layer)
+                yield LAYER_WORK * layer.size
+        self._edges[level] = edges.max(0) > 0
+        self._distances[level] = (image.shape[1] / self._image.shape[1], found)
 
     def image(self, level: int) -> ByteImage:
         """(h, w, 3): the image at a level's scale."""
@@ -92,21 +117,35 @@ class DistanceMaps:
 
     def response(self, level: int, reach_px: float) -> Float32Array:
         """(bins, h, w): 1 on an edge, 0 from the reach on, less most of the mean around."""
-        if (level, reach_px) not in self._responses:
-            _, found = self.scaled(level)
-            near = np.maximum(1.0 - found / np.float32(reach_px), 0.0)
-            side = int(self.search_px)
-            for layer in near:
-                layer -= _LOCAL_MEAN_SHARE * cv2.boxFilter(layer, -1, (side, side), borderType=cv2.BORDER_REFLECT)
-            self._responses[level, reach_px] = near
+        finish(self._making_response(level, reach_px))
         return self._responses[level, reach_px]
+
+    def _making_response(self, level: int, reach_px: float) -> Steps[None]:
+        if (level, reach_px) in self._responses:
+            return
+        _, found = self.scaled(level)
+        near, side = np.empty_like(found), (int(self.search_px), int(self.search_px))
+        for layer, distance in zip(near, found, strict=True):
+            np.maximum(1.0 - distance / np.float32(reach_px), 0.0, out=layer)
+            layer -= _LOCAL_MEAN_SHARE * cv2.boxFilter(layer, -1, side, borderType=cv2.BORDER_REFLECT)
+            yield LAYER_WORK * layer.size
+        self._responses[level, reach_px] = near
 
     def map(self, level: int, reach_px: float) -> ByteImage:
         """(bins, h, w): the response in 256 levels."""
-        if (level, reach_px) not in self._maps:
-            levels = ZERO_LEVEL + _UNITS * self.response(level, reach_px)
-            self._maps[level, reach_px] = np.clip(levels, 0, 255).astype(np.uint8)
+        finish(self._making_map(level, reach_px))
         return self._maps[level, reach_px]
+
+    def _making_map(self, level: int, reach_px: float) -> Steps[None]:
+        if (level, reach_px) in self._maps:
+            return
+        yield from self._making_response(level, reach_px)
+        response = self._responses[level, reach_px]
+        levels = np.empty(response.shape, np.uint8)
+        for layer, from_layer in zip(levels, response, strict=True):
+            np.clip(ZERO_LEVEL + _UNITS * from_layer, 0, 255, out=layer, casting="unsafe")
+            yield LAYER_WORK * layer.size
+        self._maps[level, reach_px] = levels
 
     def intrinsics(self, level: int) -> tuple[float, float, float, float]:
         """fx, fy, cx, cy of a level's camera; pixel centres at integers."""
@@ -131,7 +170,7 @@ class Poses:
         return Poses(self.rotations[rows], self.centres[rows], self.scores[rows])
 
 
-def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float, how: Round) -> Poses:
+def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float, how: Round) -> Steps[Poses]:
     """Each pose climbed to a better one nearby; the best first."""
     from acp_lab.detection.kernels import climb
 
@@ -143,6 +182,7 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
     turn = np.float32(np.radians(how.turn_deg))
     shift, away = np.float32(how.shift_diameters * diameter), np.float32(how.depth_share)
     for level in np.unique(levels):
+        yield from maps.making(int(level), how.reach_px)
         image = maps.map(int(level), how.reach_px)
         fx, fy, cx, cy = (np.float32(v) for v in maps.intrinsics(int(level)))
         for i in np.flatnonzero(levels == level):
@@ -165,12 +205,13 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
                 away,
                 how.halvings,
             )
+            yield how.work
     scores *= (views.lengths[nearest] ** _LENGTH_POWER).astype(np.float32)
     best = np.argsort(-scores, kind="stable")
     return Poses(rotations[best], centres[best], scores[best])
 
 
-def distinct(poses: Poses, diameter: float, most: int) -> Poses:
+def distinct(poses: Poses, diameter: float, most: int) -> Steps[Poses]:
     """The best of poses that are nearly the same, in their order: within 6% of the diameter and 5 degrees."""
     kept: list[int] = []
     for i in range(len(poses)):
@@ -181,4 +222,5 @@ def distinct(poses: Poses, diameter: float, most: int) -> Poses:
         cosine = 0.5 * (np.einsum("nij,ij->n", poses.rotations[others], poses.rotations[i]) - 1.0)
         if not (near & (cosine > 0.9962)).any():
             kept.append(i)
+        yield _DISTINCT_WORK
     return poses.take(np.array(kept, np.int64))

@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.edge_maps import distances, oriented_edges, resized, without_specks
+from acp_lab.detection.edge_maps import LAYER_WORK, distances, oriented_edges, resized, without_specks
 from acp_lab.detection.view_templates import SCAN_BINS, Templates
+from acp_lab.detection.work import Steps
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 
@@ -27,6 +28,10 @@ _NEIGHBOUR_SHARE = 0.6
 _LOCAL_MEAN_SHARE = 0.6
 """Not all of it: the part itself is in its surroundings."""
 _UNITS = 100.0
+_BLOCK = 256
+"""Templates of a slice."""
+FEATURE_WORK = 2.5e-5
+"""Of a feature at a place."""
 LARGEST_SCALE = 1.05
 """A part that appears smaller than scan_px has too few pixels to be told from others."""
 
@@ -57,7 +62,7 @@ def depth_levels(config: DetectionConfig) -> FloatArray:
 
 def scan(
     image: ByteImage, camera: Camera, diameter: float, templates: Templates, groups: IntArray, config: DetectionConfig
-) -> Candidates:
+) -> Steps[Candidates]:
     """Candidates of an image (h, w, 3) from all levels.
 
     groups: (t,) 0 to GROUPS - 1, of each template.
@@ -69,7 +74,8 @@ def scan(
             continue
         small = resized(image, scale)
         ratio = np.array([small.shape[1] / image.shape[1], small.shape[0] / image.shape[0]])
-        scores, ids, places = _scan_level(responses(small, config), templates, groups, config)
+        response = yield from responses(small, config)
+        scores, ids, places = yield from _scan_level(response, templates, groups, config)
         # Pixel centres: x of the small image lies at (x + 0.5) / ratio - 0.5 of the full one.
         found.append((scores, ids, (places + 0.5) / ratio - 0.5, np.full(len(scores), depth)))
     if not found:
@@ -79,28 +85,39 @@ def scan(
     return Candidates(scores[best], ids[best].astype(np.int64), centres[best], depths[best])
 
 
-def responses(image: ByteImage, config: DetectionConfig) -> Float32Array:
+def responses(image: ByteImage, config: DetectionConfig) -> Steps[Float32Array]:
     """(SCAN_BINS, h, w): how much each pixel says for an edge of each direction, less what its surroundings say.
 
     Half of it is said by the image after a median that takes thin lines out: grids and prints are weaker, bodies are
     not.
     """
-    response = 0.5 * (_nearness(image, config.spread_px) + _nearness(without_specks(image), config.spread_px))
+    plain = yield from _nearness(image, config.spread_px)
+    cleaned = yield from _nearness(without_specks(image), config.spread_px)
     window = (int(config.scan_px), int(config.scan_px))
-    for layer in response:
+    for layer, other in zip(plain, cleaned, strict=True):
+        layer += other
+        layer *= 0.5
         layer -= _LOCAL_MEAN_SHARE * cv2.boxFilter(layer, -1, window, borderType=cv2.BORDER_REFLECT)
-    return response
+        yield LAYER_WORK * layer.size
+    return plain
 
 
-def _nearness(image: ByteImage, reach_px: float) -> Float32Array:
-    near = 1.0 - distances(oriented_edges(image, SCAN_BINS), reach_px) / np.float32(reach_px)
-    beside = np.maximum(np.roll(near, 1, 0), np.roll(near, -1, 0))
-    return np.maximum(near, _NEIGHBOUR_SHARE * beside)
+def _nearness(image: ByteImage, reach_px: float) -> Steps[Float32Array]:
+    edges = yield from oriented_edges(image, SCAN_BINS)
+    near = yield from distances(edges, reach_px)
+    near /= np.float32(-reach_px)
+    near += 1.0
+    spread = near.copy()
+    for k, layer in enumerate(spread):
+        beside = np.maximum(near[k - 1], near[(k + 1) % len(near)])
+        np.maximum(layer, _NEIGHBOUR_SHARE * beside, out=layer)
+        yield LAYER_WORK * layer.size
+    return spread
 
 
 def _scan_level(
     response: Float32Array, templates: Templates, groups: IntArray, config: DetectionConfig
-) -> tuple[Float32Array, IntArray, FloatArray]:
+) -> Steps[tuple[Float32Array, IntArray, FloatArray]]:
     """Scores (n,), templates (n,) and places (n, 2) px of the level's local maxima."""
     from acp_lab.detection.kernels import CHUNK, scan_templates
 
@@ -122,7 +139,15 @@ def _scan_level(
     first, length = margin * wide, rows * wide
     best: Float32Array = np.full((GROUPS, length), -1e9, np.float32)
     ids = np.zeros((GROUPS, length), np.int32)
-    scan_templates(planes, plane_of, shifts, templates.counts, templates.gains, groups, first, length, best, ids)
+    counts, gains = templates.counts, templates.gains
+    for begin in range(0, len(counts), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        before = best.copy()
+        scan_templates(
+            planes, plane_of[block], shifts[block], counts[block], gains[block], groups[block], first, length, best, ids
+        )
+        ids[best > before] += begin  # the block counts from 0
+        yield FEATURE_WORK * length * float(counts[block].sum())
 
     inside = slice(margin, margin + columns)
     best = (best.reshape(GROUPS, rows, wide)[:, :, inside] / _UNITS).astype(np.float32)

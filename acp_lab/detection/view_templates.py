@@ -2,12 +2,13 @@
 
 A view keeps 3D edge samples that show from one direction; a template is a view turned in the image plane, as a few
 edge points with quantised directions (S. Hinterstoisser et al., "Gradient response maps for real-time detection of
-textureless objects", PAMI 2012, section 3.2). They follow from the stored visibility in a fraction of a second.
+textureless objects", PAMI 2012, section 3.2). Views are stored with the prepared part; templates follow in no time.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -25,6 +26,9 @@ SCAN_BINS = 8
 VIEW_DISTANCE = 5.0
 """In diameters, as that of the stored visibility."""
 SEARCH_SAMPLES = 80
+SUBDIVISIONS = 3
+"""Of the icosphere of all views: 642."""
+_SAME_DIRECTION = 1.0 - 1e-6
 _FEWEST_SAMPLES = 16
 CELL_DIAMETERS = 0.05
 _INNER_LATER = 2.0
@@ -36,19 +40,43 @@ class Views:
     """v views of a part.
 
     Attributes:
-        rotations: (v, 3, 3) object to camera, the optical axis through the box centre.
         directions_obj: (v, 3) unit, from the box centre to the eye.
+        samples: (v, k) rows of the part's edge samples that show.
         points_obj, tangents_obj: (v, k, 3) mm about the box centre, samples that show; float32.
         counts: (v,) how many of the k.
         lengths: (v,) length of the distinct visible edges in diameters.
     """
 
-    rotations: FloatArray
     directions_obj: FloatArray
+    samples: IntArray
     points_obj: Float32Array
     tangents_obj: Float32Array
     counts: IntArray
     lengths: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    @cached_property
+    def rotations(self) -> FloatArray:
+        """(v, 3, 3) object to camera, the optical axis through the box centre."""
+        return np.array([looking_along(-direction) for direction in self.directions_obj])
+
+    def take(self, rows: IntArray | BoolArray) -> Views:
+        """Some of them."""
+        return Views(
+            self.directions_obj[rows],
+            self.samples[rows],
+            self.points_obj[rows],
+            self.tangents_obj[rows],
+            self.counts[rows],
+            self.lengths[rows],
+        )
+
+    def subdivided(self, subdivisions: int) -> Views:
+        """Those of a coarser icosphere: 2 subdivisions for 162, 3 for 642."""
+        corners = np.asarray(trimesh.creation.icosphere(subdivisions=subdivisions).vertices)
+        return self.take((self.directions_obj @ corners.T).max(1) > _SAME_DIRECTION)
 
     def nearest(self, eyes_obj: FloatArray) -> IntArray:
         """(n,) the views nearest to directions (n, 3) from the box centre."""
@@ -76,11 +104,25 @@ class Templates:
     def __len__(self) -> int:
         return len(self.views)
 
+    def take(self, rows: IntArray | BoolArray) -> Templates:
+        """Some of them; the numbers of their views stay."""
+        return Templates(
+            self.views[rows],
+            self.turns_rad[rows],
+            self.offsets[rows],
+            self.bins[rows],
+            self.counts[rows],
+            self.gains[rows],
+        )
 
-def make_views(part: Part, generator: RigidGenerator, subdivisions: int) -> Views:
-    """Views from the vertices of an icosphere; those that show next to nothing are left out."""
-    directions = np.asarray(trimesh.creation.icosphere(subdivisions=subdivisions).vertices, np.float64)
-    kept, rotations, points, tangents, counts, lengths = [], [], [], [], [], []
+
+def make_views(part: Part, generator: RigidGenerator) -> Views:
+    """Views from the vertices of an icosphere; those that show next to nothing are left out.
+
+    They are chosen in less than a second.
+    """
+    directions = np.asarray(trimesh.creation.icosphere(subdivisions=SUBDIVISIONS).vertices, np.float64)
+    kept, samples, counts, lengths = [], [], [], []
     edges: EdgeSamples = generator.edges
     for direction in directions:
         rotation = looking_along(-direction)
@@ -92,21 +134,22 @@ def make_views(part: Part, generator: RigidGenerator, subdivisions: int) -> View
         if len(ids) < _FEWEST_SAMPLES:
             continue
         ids = ids[_spread_of_view(edges, visible, rotation, part)]
-        chosen = ids[:SEARCH_SAMPLES]
         kept.append(direction)
-        rotations.append(rotation)
-        points.append(_padded(edges.points_obj[chosen] - part.box_centre))
-        tangents.append(_padded(edges.tangents_obj[chosen]))
-        counts.append(len(chosen))
+        samples.append(ids[np.arange(SEARCH_SAMPLES) % len(ids)])
+        counts.append(min(len(ids), SEARCH_SAMPLES))
         lengths.append(len(ids) * CELL_DIAMETERS)
-    return Views(
-        np.array(rotations),
-        np.array(kept),
-        np.array(points, np.float32),
-        np.array(tangents, np.float32),
-        np.array(counts, np.int64),
-        np.array(lengths),
+    rows = np.array(samples, np.int64).reshape(-1, SEARCH_SAMPLES)
+    return views_of(
+        part, edges, np.array(kept).reshape(-1, 3), rows, np.array(counts, np.int64), np.array(lengths, np.float64)
     )
+
+
+def views_of(
+    part: Part, edges: EdgeSamples, directions_obj: FloatArray, samples: IntArray, counts: IntArray, lengths: FloatArray
+) -> Views:
+    """Views from what is stored of them, see `Views`."""
+    points = (edges.points_obj[samples] - part.box_centre).astype(np.float32)
+    return Views(directions_obj, samples, points, edges.tangents_obj[samples].astype(np.float32), counts, lengths)
 
 
 def make_templates(views: Views, diameter: float, config: DetectionConfig) -> Templates:
@@ -169,8 +212,3 @@ def _spread_of_view(edges: EdgeSamples, visible: VisibleSamples, rotation: Float
     distance = points[:, 2:] + VIEW_DISTANCE * part.diameter
     flat = points[:, :2] / distance
     return spread(flat * VIEW_DISTANCE, along[:, :2] - flat * along[:, 2:], visible.outline, CELL_DIAMETERS)
-
-
-def _padded(rows: FloatArray) -> FloatArray:
-    """SEARCH_SAMPLES rows, the last ones repeated from the start."""
-    return rows[np.arange(SEARCH_SAMPLES) % len(rows)]

@@ -34,12 +34,12 @@ class DiagnosisConfig:
     """Limits beyond which a cause is named. They were set on sequences with and without the problem.
 
     Attributes:
-        good_quality: share of the usual quality from which a frame counts as good.
+        good_evidence: share of the usual `confidence.weight_of_evidence` from which a frame counts as good.
         found_share: of the edge points; when fewer have an image edge, few edges are found.
         contrast: median gradient across the edges, grey levels per px, below which the edges count as faint.
         hidden_share: of the edge points; from here on a connected set of missing points counts as occluded.
         rivals: strong image edges per edge point that belong to no edge of the part.
-        likeness: by what factor the quality fell more than the share of edges found.
+        likeness: by what factor their evidence fell more than the share of edges found.
         recovery_px: how much further the tracker's recovery searches than the first level.
         quad_opening: least height of the control-point quad as a share of its size.
         outside_share: of the visible edge points.
@@ -49,7 +49,7 @@ class DiagnosisConfig:
         apparent_px: size of the part in the image, below which it has too few pixels.
     """
 
-    good_quality: float = 0.75
+    good_evidence: float = 0.75
     found_share: float = 0.5
     contrast: float = 4.0
     hidden_share: float = 0.12
@@ -133,7 +133,7 @@ def appearance(found_share: float, found_before: float, quality_kept: float, con
     return _above(
         Cause.APPEARANCE,
         f"{100.0 * found_share:.0f}% of the edges are found ({100.0 * found_before:.0f}% before), but they look "
-        f"different: the quality of those edges fell to {100.0 * quality_kept:.0f}%.",
+        f"different: what they say for the pose fell to {100.0 * quality_kept:.0f}%.",
         "steadier light; by --config learning.memory.rate higher, so that the memory follows reflections, or "
         "learning.memory.gradient_floor and learning.memory.grey_floor higher, so that it counts less",
         found_share / max(found_before, 1e-6) / max(quality_kept, 1e-6),

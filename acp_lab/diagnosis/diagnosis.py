@@ -27,6 +27,7 @@ from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.confidence import weight_of_evidence
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.session import TrackRun
 
@@ -174,7 +175,8 @@ def _reference(results: tuple[TrackResult, ...], onset: int) -> int:
 
 
 def _is_good(result: TrackResult, usual: float, config: DiagnosisConfig) -> bool:
-    return result.state is TrackState.TRACKING and result.quality >= config.good_quality * usual
+    least = config.good_evidence * weight_of_evidence(usual)
+    return result.state is TrackState.TRACKING and weight_of_evidence(result.quality) >= least
 
 
 def _frames(sequence: Sequence | None, wanted: set[int]) -> dict[int, Frame | UnreadableFrame]:
@@ -287,7 +289,8 @@ class _Case:
             found.append(causes.occlusion(share, config))
         if self.is_bad and few is None and before is not None:
             # Hidden edges lower the quality by their share; the rest of the loss is the look of the visible ones.
-            kept = self.result.quality / max(self.usual * float(rest.mean()), 1e-6)
+            usual = weight_of_evidence(self.usual) * float(rest.mean())
+            kept = weight_of_evidence(self.result.quality) / max(usual, 1e-6)
             found.append(causes.appearance(seen, before.found_share, kept, config))
         return found
 

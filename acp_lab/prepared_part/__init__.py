@@ -4,6 +4,7 @@
                       mesh.safetensors              vertices (mm) and faces
                       edges.safetensors             3D edge samples
                       templates.safetensors         views and what each hides        (generator templates)
+                      views.safetensors             what shows from all around       (for the detector)
                       visibility_0.safetensors ...  one network per view region      (generator learned)
                       control_points_0.safetensors  regressed W per view region      (generator autoencoder)
                       autoencoder_0.safetensors ... decoder and latent regressors    (generator autoencoder)

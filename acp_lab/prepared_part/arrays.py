@@ -10,6 +10,7 @@ import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
+from acp_lab.detection.view_templates import Views, views_of
 from acp_lab.generator.painted.config import AutoencoderReport
 from acp_lab.generator.painted.image_generator import RegionAutoencoder
 from acp_lab.generator.templates import TemplateGenerator
@@ -43,6 +44,14 @@ def arrays_by_file(model: PreparedPart) -> dict[str, Mapping[str, np.ndarray]]:
     if model.templates is not None:
         templates = model.templates
         files["templates"] = {"views_obj": templates.views_obj.astype(np.float32), "packed": templates.packed}
+    if model.views is not None:
+        views = model.views
+        files["views"] = {
+            "directions_obj": views.directions_obj,
+            "samples": views.samples.astype(np.int32),
+            "counts": views.counts,
+            "lengths": views.lengths,
+        }
     for region, network in model.networks.items():
         # float16 halves the folder; the last layer is nearly all of it, and logits near 0 are undecided anyway.
         files[f"visibility_{region}"] = {**vars(network), "weight3": network.weight3.astype(np.float16)}
@@ -90,6 +99,17 @@ def load_templates(folder: Path, header: Mapping[str, Any], part: Part, edges: E
     if stored["packed"].shape != (len(stored["views_obj"]), (len(edges) + 7) // 8):
         raise ValueError(f"templates of shape {stored['packed'].shape} for {len(edges)} edge samples")
     return TemplateGenerator(edges, part.box_centre, stored["views_obj"], stored["packed"])
+
+
+def load_views(folder: Path, header: Mapping[str, Any], part: Part, edges: EdgeSamples) -> Views | None:
+    """The views that the detector searches; None where there are none."""
+    if not header.get("views"):
+        return None
+    stored = read_arrays(folder, header, "views")
+    samples = stored["samples"].astype(np.int64)
+    if len(samples) and not (samples.min() >= 0 and samples.max() < len(edges)):
+        raise ValueError(f"views of edge samples that are not among the {len(edges)}")
+    return views_of(part, edges, stored["directions_obj"], samples, stored["counts"], stored["lengths"])
 
 
 def load_networks(folder: Path, header: Mapping[str, Any], edges: EdgeSamples) -> Trained[RegionNetwork, RegionReport]:

@@ -46,6 +46,7 @@ def header_of(model: PreparedPart) -> dict[str, Any]:
         },
         "edge_break_mm": model.edge_break_mm,
         "edge_samples": len(model.edges),
+        "views": 0 if model.views is None else len(model.views),
         "seed": model.seed,
         "options": {generator: asdict(options) for generator, options in model.options.items()},
         "generators": _generators(model),

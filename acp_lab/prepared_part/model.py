@@ -14,6 +14,7 @@ from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
+from acp_lab.detection.view_templates import Views
 from acp_lab.errors import AcpLabError, PreparationError
 from acp_lab.files import write_changed
 from acp_lab.generator.base import RigidGenerator
@@ -42,6 +43,7 @@ class PreparedPart:
         edge_break_mm: how far the real part's outlines are expected to be broken.
         seed: of all random choices.
         templates: view templates, if prepared.
+        views: what shows from all around, for finding the part; None in parts prepared before there was a detector.
         networks: the visibility networks that were trained.
         regressed_points: the regressed W (4, 3) mm of each region.
         autoencoders: the paper's edge image generators that were trained.
@@ -53,6 +55,7 @@ class PreparedPart:
     edge_break_mm: float = DEFAULT_EDGE_BREAK_MM
     seed: int = 0
     templates: TemplateGenerator | None = None
+    views: Views | None = None
     networks: Trained[RegionNetwork, RegionReport] = field(default_factory=Trained)
     regressed_points: Trained[FloatArray, RegressionValues] = field(default_factory=Trained)
     autoencoders: Trained[RegionAutoencoder, AutoencoderReport] = field(default_factory=Trained)
@@ -164,6 +167,7 @@ class PreparedPart:
                 edge_break_mm=float(header["edge_break_mm"]),
                 seed=int(header["seed"]),
                 templates=arrays.load_templates(folder, header, part, edges),
+                views=arrays.load_views(folder, header, part, edges),
                 networks=arrays.load_networks(folder, header, edges),
                 regressed_points=arrays.load_regressed_points(folder, header),
                 autoencoders=arrays.load_autoencoders(folder, header),

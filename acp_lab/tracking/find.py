@@ -13,6 +13,8 @@ import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Candidate, Detector
+from acp_lab.detection.pose_prior import PosePrior
+from acp_lab.detection.work import Steps, finish
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
@@ -24,7 +26,8 @@ from acp_lab.tracking.stopwatch import Stopwatch
 
 ACCEPTED = 0.9
 """From this score on a hypothesis counts as found."""
-ALIGNED = 12
+ALIGNED, ALIGNED_NEAR = 12, 4
+ALIGN_WORK = 4500.0
 _RIVALS = 8
 _MARGIN_PX = 40.0
 _SAME_SHARE = 0.1
@@ -55,23 +58,31 @@ class Finder:
     def __init__(self, model: PreparedPart, config: DetectionConfig | None = None) -> None:
         """PreparationError when the part has neither templates nor visibility networks."""
         self.model = model
-        self.detector = Detector(model.part, model.best_generator(), config)
+        self.detector = Detector(model.part, model.best_generator(), config, model.views)
         self._solver = FrameSolver(model, method_named("acp-edges"))
         vertices = model.part.vertices
         self._points_obj = vertices[:: max(1, len(vertices) // 200)]
         self._turns = model.part.symmetries.transforms()
 
     def prepare(self) -> None:
-        """Make the templates now, half a second, instead of at the first frame."""
+        """Make the templates now instead of at the first frame."""
         self.detector.prepare()
 
-    def find(self, frame: Frame, top: int = 3) -> tuple[Detection, ...]:
-        """Up to `top` hypotheses that differ, the best first; () when nothing resembles the part."""
-        look = self.detector.candidates(frame.image, frame.camera)
+    def find(self, frame: Frame, top: int = 3, prior: PosePrior | None = None) -> tuple[Detection, ...]:
+        """Up to `top` hypotheses that differ, the best first; () when nothing resembles the part.
+
+        prior: looks near a pose only.
+        """
+        return finish(self.search(frame, top, prior))
+
+    def search(self, frame: Frame, top: int = 3, prior: PosePrior | None = None) -> Steps[tuple[Detection, ...]]:
+        """`find`, in slices."""
+        look = yield from self.detector.search(frame.image, frame.camera, prior)
         aligned = list[Candidate]()
-        for candidate in self._distinct(look.candidates, ALIGNED):
+        for candidate in self._distinct(look.candidates, ALIGNED if prior is None else ALIGNED_NEAR):
             aligned.append(candidate)
             pose = self._align(frame, candidate.cam_T_obj)
+            yield ALIGN_WORK
             evidence = None if pose is None else look.witness.look(pose)
             if pose is not None and evidence is not None:
                 aligned.append(Candidate(pose, evidence))
@@ -123,7 +134,7 @@ def detect(
 ) -> tuple[Detection, ...]:
     """Where is the part in a frame? Up to `top` hypotheses, the best first; () when nothing resembles it.
 
-    For several frames make one `Finder`: its templates take half a second.
+    For several frames make one `Finder`: it keeps its templates.
 
     Raises:
         PreparationError: the part has neither templates nor visibility networks.

@@ -38,7 +38,7 @@ class KalmanPrediction:
     shift_mm: float = 1.5
     speed_share: float = 0.2
     most_widening: float = 30.0
-    hold_below: float = 0.06
+    hold_below: float = 0.1
     first_turn_deg: float = 0.3
     first_shift_mm: float = 0.5
     first_speed: float = 25.0

@@ -10,7 +10,9 @@
     sight       how a first glance corrects that               picture
     start       what the first frame does with a given pose    start
     recovery    what happens when a frame fits badly           recovery
+    way_back    who looks for a part that is lost              way_back
     learning    what is learnt of each edge sample             learning/
+    confidence  how likely a pose is right                     confidence
 
 `acp-paper-samples` is the paper's path with the CAD's own edge samples gated by the painted image; the two
 ablations of Table III are the same with one part changed. Any other sum of parts is a method too, by
@@ -27,6 +29,7 @@ from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.confidence import EDGES_ALONE, Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
@@ -34,7 +37,7 @@ from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.picture import PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior
-from acp_lab.tracking.recovery import Alternatives, SecondTries
+from acp_lab.tracking.recovery import Alternatives, SecondTries, WayBack
 from acp_lab.tracking.schedule import PixelSchedule, ShareSchedule
 from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt
 from acp_lab.tracking.sources import EdgeSource
@@ -81,7 +84,9 @@ class Method:
     sight: PictureSearch | Off = field(default_factory=PictureSearch)
     start: TrustedStart | Off = field(default_factory=TrustedStart)
     recovery: SecondTries | Alternatives | Off = field(default_factory=Alternatives)
+    way_back: WayBack | Off = field(default_factory=WayBack)
     learning: SampleLearning | Off = field(default_factory=SampleLearning)
+    confidence: Confidence | Off = field(default_factory=Confidence)
     states: StateConfig = field(default_factory=StateConfig)
 
     def __post_init__(self) -> None:
@@ -119,6 +124,10 @@ class Method:
                 not (self._regenerates and binds_levels),
                 'targets.bind = "level": follows the edges of a level, but variables.direction generates others at '
                 'every step: give bind = "step", or direction = "homography"',
+            ),
+            (
+                isinstance(self.confidence, Off) or judges_matches,
+                'confidence: needs a first target that searches along "normals"',
             ),
             (
                 isinstance(self.sight, Off) or self.prediction.weighs_images,
@@ -173,6 +182,7 @@ ACP_EDGES = replace(
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, measures=False),
     recovery=SecondTries(),
     learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0), learn_above=0.7),
+    confidence=EDGES_ALONE,
 )
 ACP_PAPER_SAMPLES = Method(
     name="acp-paper-samples",
@@ -189,7 +199,10 @@ ACP_PAPER_SAMPLES = Method(
     sight=Off(),
     start=Off(),
     recovery=Off(),
+    way_back=Off(),
     learning=Off(),
+    confidence=Off(),
+    states=StateConfig(weak_below=0.27, tracking_above=0.30, lost_below=0.20, found_above=0.27),
 )
 ACP_PAPER = replace(ACP_PAPER_SAMPLES, name="acp-paper", summary="the same as acp-paper-samples")
 DIRECT_6DOF = replace(

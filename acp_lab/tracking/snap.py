@@ -44,7 +44,7 @@ class SnapConfig:
         search_levels: of the solver.
         judge: how its results are compared.
         last_levels: of the refinement; every visible sample counts.
-        good_quality: what a pose that fits mostly has at least, in the units of the tracker's quality.
+        good_quality: what a pose that fits mostly has at least, in the units of a judgement's quality.
         seed: of the cloud.
     """
 

@@ -15,13 +15,15 @@ class StateConfig:
         weak_below, tracking_above: tracking becomes weak below the first, weak becomes tracking above the second.
         lost_below, found_above: likewise for lost.
         patience: frames in a row below `lost_below` before a part counts as lost.
+        proof: frames in a row above `found_above` before a lost one counts as found.
     """
 
-    weak_below: float = 0.27
-    tracking_above: float = 0.30
-    lost_below: float = 0.20
-    found_above: float = 0.27
+    weak_below: float = 0.5
+    tracking_above: float = 0.6
+    lost_below: float = 0.25
+    found_above: float = 0.5
     patience: int = 2
+    proof: int = 2
 
 
 class StateMachine:
@@ -30,7 +32,7 @@ class StateMachine:
     def __init__(self, config: StateConfig) -> None:
         self.config = config
         self.state = TrackState.TRACKING
-        self._low = 0
+        self._low = self._high = 0
         self._lost = 0
 
     def is_time_to_search(self) -> bool:
@@ -46,10 +48,11 @@ class StateMachine:
         """Take in a frame's quality, 0 where nothing was seen; the reason when the state changed, else empty."""
         config, before = self.config, self.state
         self._low = self._low + 1 if quality < config.lost_below else 0
+        self._high = self._high + 1 if quality > config.found_above else 0
         if self._low >= config.patience:
             self.state = TrackState.LOST
         elif before is TrackState.LOST:
-            if quality > config.found_above:
+            if self._high >= config.proof:
                 self.state = TrackState.TRACKING if quality > config.tracking_above else TrackState.WEAK
         elif quality < config.weak_below:
             self.state = TrackState.WEAK

@@ -28,13 +28,14 @@ from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.observer import Observer
 from acp_lab.tracking.picture import Picture, take_picture
 from acp_lab.tracking.recovery import Alternatives, Situation, recover
-from acp_lab.tracking.result import NOT_PREPARED, TrackResult
-from acp_lab.tracking.search import is_plausible
+from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
+from acp_lab.tracking.search import WIDE_LEVELS, is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.way_back import Reacquisition
 
 # Share of a new frame in the running mean of the quality, with which recovery and learning compare.
 _QUALITY_RATE = 0.5
@@ -63,6 +64,8 @@ class Tracker:
         self._carried: Estimate | None = None
         self._predictor = self.method.prediction.predictor(self.part.box_centre)
         self._corners_obj = box_corners(self.part)
+        way_back = self.method.way_back
+        self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back)
         self._forget()
 
     @property
@@ -122,6 +125,7 @@ class Tracker:
             self.solver.knowledge.measure_offsets(matches)
         self._predictor.restart(solution.cam_T_obj)
         self._carried = solution.estimate
+        self._last_seen = solution.cam_T_obj
         self._started = True
         self._learn(frame, solution, clock, self._trusted)
         self._mean_quality = solution.judgement.quality
@@ -129,7 +133,9 @@ class Tracker:
             # Again, with what the first frame taught.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
             self._mean_score = (again or solution).score
-        note = self._states.begin(solution.quality)
+        note = self._states.begin(self._quality(solution))
+        if self._way_back is not None and self.model.views is not None:
+            self._way_back.prepare()
         return self._result(frame, pose, solution, clock, begin_s, note)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -150,21 +156,33 @@ class Tracker:
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         self._sight(frame, clock)
         predicted = self.predicted
-        solution = self._recover(frame, predicted, self._solve(frame, predicted, clock), clock)
-        note = self._states.update(0.0 if solution is None else solution.quality)
+        solution = self._solve(frame, predicted, clock)
+        if self._is_lost and self._way_back is not None:
+            solution = self._found(frame, solution, self._way_back, clock)
+        else:
+            solution = self._recover(frame, predicted, solution, clock)
+        note = self._states.update(0.0 if solution is None else self._quality(solution))
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             self._predictor.restart(self.last)
             self._carried = None
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
-        # As well as the target that sees best: blur leaves no edges, but colours.
-        quality = max(judgement.quality for judgement in solution.judgements)
-        self._predictor.observe(solution.cam_T_obj, quality, solution.information)
+        quality = self._quality(solution)
+        if quality > self.method.states.found_above:
+            self._last_seen = solution.cam_T_obj
+        if self._is_lost and self._way_back is not None and quality <= self.method.states.found_above:
+            # A search that follows what does not fit ends up anywhere.
+            self._predictor.restart(self._last_seen)
+        else:
+            self._predictor.observe(solution.cam_T_obj, quality, solution.information)
         self._carried = solution.estimate
-        self._learn(frame, solution, clock)
-        # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
-        self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
-        self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
+        if not self._is_lost:
+            if self._way_back is not None:
+                self._way_back.forget()
+            self._learn(frame, solution, clock)
+            # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
+            self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
+            self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
         return self._result(frame, predicted, solution, clock, begin_s, self._unprepared(predicted) or note)
 
     def run(self, sequence: Sequence, start: FloatArray, observers: Iterable[Observer] = ()) -> TrackRun:
@@ -183,6 +201,8 @@ class Tracker:
     def _forget(self) -> None:
         self.solver.forget()
         self._states = StateMachine(self.method.states)
+        if self._way_back is not None:
+            self._way_back.forget()
         self._started = self._trusted = False
         self._region = 0
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
@@ -260,6 +280,44 @@ class Tracker:
         )
         return recover(self.solver, first, lambda pose: self._look(frame, pose, clock), situation, config, clock)
 
+    def _quality(self, solution: Solution) -> float:
+        """In [0, 1], as it is reported."""
+        confidence = self.method.confidence
+        return solution.quality if isinstance(confidence, Off) else confidence.of(solution)
+
+    @property
+    def _is_lost(self) -> bool:
+        return self._states.state is TrackState.LOST
+
+    def _found(
+        self, frame: Frame, first: Solution | None, way_back: Reacquisition, clock: Stopwatch
+    ) -> Solution | None:
+        """The first try of a frame in which the part is lost, or one from where the detector saw it."""
+        clock.lap()
+        proposals = way_back.proposals(frame, self._last_seen)
+        clock.search_s += clock.lap()
+        best, region = first, self._region
+        for pose in proposals:
+            self._region = self.solver.choose_region(pose)
+            seen = self._look(frame, pose, clock)
+            wide = None if seen is None else self.solver.solve(seen, seen.view.at_pose(pose), clock, WIDE_LEVELS)
+            tried = None if seen is None or wide is None else self.solver.solve(seen, wide.estimate, clock)
+            if tried is not None and self._is_better(tried, best):
+                best, region = tried, self._region
+        self._region = region
+        if best is not None and best is not first:
+            self._predictor.restart(best.cam_T_obj)
+            self._carried = None
+            way_back.look_around(best.cam_T_obj)
+        return best
+
+    def _is_better(self, tried: Solution, best: Solution | None) -> bool:
+        """Whether a proposal is what it takes to be found, and better than what else there is."""
+        config = self.method.way_back
+        if isinstance(config, Off) or self._quality(tried) <= self.method.states.found_above:
+            return False
+        return best is None or tried.score > best.score + config.gain
+
     def _sight(self, frame: Frame, clock: Stopwatch) -> None:
         """Correct the prediction by where the part's last picture is in the new frame."""
         config = self.method.sight
@@ -302,7 +360,7 @@ class Tracker:
             predicted=predicted,
             control_points=solution.estimate.control_points,
             loss=solution.loss,
-            quality=solution.quality,
+            quality=self._quality(solution),
             state=self._states.state,
             region=self._region,
             edges=judgement.edges,

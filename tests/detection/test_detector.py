@@ -13,6 +13,7 @@ from acp_lab.detection.detector import Detector, start_poses
 from acp_lab.detection.pose_search import Poses, distinct
 from acp_lab.detection.scan import Candidates, depth_levels, scan
 from acp_lab.detection.view_templates import SCAN_BINS, looking_along, spread
+from acp_lab.detection.work import finish
 from acp_lab.errors import AcpLabError
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
@@ -82,9 +83,9 @@ def test_start_poses_show_the_view_at_its_place(camera: Camera) -> None:
 def test_distinct() -> None:
     turn = np.tile(np.eye(3, dtype=np.float32), (3, 1, 1))
     centres = np.array([[0, 0, 500], [1, 0, 500], [40, 0, 500]], np.float32)
-    kept = distinct(Poses(turn, centres, np.array([3, 2, 1], np.float32)), 100.0, 10)
+    kept = finish(distinct(Poses(turn, centres, np.array([3, 2, 1], np.float32)), 100.0, 10))
     assert kept.scores.tolist() == [3.0, 1.0]
-    assert len(distinct(Poses(turn, centres, np.ones(3, np.float32)), 100.0, 1)) == 1
+    assert len(finish(distinct(Poses(turn, centres, np.ones(3, np.float32)), 100.0, 1))) == 1
 
 
 def test_templates_are_bounded() -> None:
@@ -136,5 +137,5 @@ def test_a_part_too_far_to_be_seen(camera: Camera) -> None:
     detector = sample_detector()
     image = np.random.default_rng(0).integers(0, 255, (camera.height, camera.width, 3)).astype(np.uint8)
     config = DetectionConfig(depth_mm=(50_000.0, 60_000.0))
-    none = scan(image, camera, detector.part.diameter, detector.templates, detector.groups, config)
+    none = finish(scan(image, camera, detector.part.diameter, detector.templates, detector.groups, config))
     assert len(none) == 0

@@ -77,6 +77,7 @@ def test_pose_score(
 
 def test_climb_finds_the_pose_back(rng: np.random.Generator) -> None:
     from acp_lab.detection.edge_maps import distances
+    from acp_lab.detection.work import finish
 
     points = rng.uniform(-30, 30, (80, 3)).astype(np.float32)
     tangents = rng.normal(size=(80, 3)).astype(np.float32)
@@ -90,7 +91,7 @@ def test_climb_finds_the_pose_back(rng: np.random.Generator) -> None:
     column, line = np.floor(flat * camera[:2] + camera[2:] + 0.5).astype(int).T
     edges = np.zeros((16, 170, 220), np.uint8)
     edges[bins, line, column] = 1
-    maps = np.round(255.0 * (1.0 - distances(edges, 12.0) / 12.0)).astype(np.uint8)
+    maps = np.round(255.0 * (1.0 - finish(distances(edges, 12.0)) / 12.0)).astype(np.uint8)
     table = (np.arange(256) / 255.0).astype(np.float32)
     moved = (so3_exp(np.array([0.03, 0.04, -0.03])) @ rotation).astype(np.float32)
     place = (centre + np.array([2.0, -1.5, 5.0])).astype(np.float32)

@@ -10,6 +10,7 @@ import pytest
 
 from acp_lab.errors import InputFileError
 from acp_lab.imaging.edge_search import SearchConfig
+from acp_lab.tracking.confidence import Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
@@ -21,7 +22,7 @@ from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.picture import PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior
-from acp_lab.tracking.recovery import Alternatives, SecondTries
+from acp_lab.tracking.recovery import Alternatives, SecondTries, WayBack
 from acp_lab.tracking.schedule import Level, PixelSchedule, ShareSchedule
 from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt
 from acp_lab.tracking.sources.painted import PaintedRidges
@@ -49,7 +50,8 @@ RIDGES = Method(
     start=Off(),
     recovery=SecondTries(0.7, 9.0, 3.0, 2),
     learning=Off(),
-    states=StateConfig(0.3, 0.4, 0.1, 0.2, 5),
+    confidence=Off(),
+    states=StateConfig(0.3, 0.4, 0.1, 0.2, 5, 3),
 )
 NORMALS = Method(
     name="both",
@@ -81,13 +83,15 @@ FUSED = Method(
     sight=PictureSearch(20, 0.5, 0.7, 0.4, 0.2, 3.0, 3.0, 5.0),
     start=TrustedStart(agreement_alone=0.65),
     recovery=Alternatives(0.7, 0.1, 0.2, 0.01, 5.0),
+    way_back=WayBack(1e4, 3, 0.7, 0.2),
+    confidence=Confidence(-2.0, 3.0, 4.0, 5.0),
 )
 EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=GaussNewton(9, 0.1), learning=Off())]
 
 
 def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
-    region, prediction, recovery = FUSED.targets[1], FUSED.prediction, FUSED.recovery
-    for part in (region, region.colours, prediction, recovery, FUSED.sight):  # type: ignore[union-attr]
+    region, rest = FUSED.targets[1], (FUSED.prediction, FUSED.recovery, FUSED.sight, FUSED.way_back, FUSED.confidence)
+    for part in (region, region.colours, *rest):  # type: ignore[union-attr]
         for item in fields(part):
             assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name
 

@@ -38,8 +38,13 @@ def test_lost_only_after_the_patience_is_spent() -> None:
 
 def test_found_again_with_hysteresis() -> None:
     lost = [0.1] * 3
-    assert states([*lost, 0.25, 0.29, 0.35, 0.6])[3:] == [L, L, W, T]
-    assert states([*lost, 0.6])[3:] == [T]
+    assert states([*lost, 0.25, 0.29, 0.35, 0.35, 0.6])[3:] == [L, L, L, W, T]
+    assert states([*lost, 0.6, 0.6])[3:] == [L, T]
+
+
+def test_one_good_frame_proves_nothing() -> None:
+    lost = [0.1] * 3
+    assert states([*lost, 0.9, 0.1, 0.9, 0.25, 0.9, 0.9])[3:] == [L, L, L, L, L, T]
 
 
 def test_the_reason_is_told_when_the_state_changes_and_only_then() -> None:
@@ -48,7 +53,8 @@ def test_the_reason_is_told_when_the_state_changes_and_only_then() -> None:
     assert machine.update(0.35) == "tracking -> weak: quality 0.35"
     assert machine.update(0.35) == ""
     assert [machine.update(0.0) for _ in range(3)] == ["", "", "weak -> lost: quality 0.00"]
-    assert machine.update(0.9) == "lost -> tracking: quality 0.90"
+    assert machine.update(0.9) == ""
+    assert machine.update(0.8) == "lost -> tracking: quality 0.80"
 
 
 @pytest.mark.parametrize(("quality", "state"), [(0.6, T), (0.45, T), (0.39, W), (0.2, W), (0.1, L), (0.0, L)])
@@ -61,10 +67,13 @@ def test_the_first_frame_says_what_was_seen(quality: float, state: TrackState) -
 
 @given(qualities=st.lists(st.floats(0.0, 1.0), max_size=40))
 def test_a_state_is_never_at_odds_with_its_quality(qualities: list[float]) -> None:
+    before = T
     for quality, state in zip(qualities, states(qualities), strict=True):
         assert state is not T or quality >= CONFIG.weak_below
-        assert state is not L or quality <= CONFIG.found_above
-        assert state is T or quality <= CONFIG.tracking_above
+        assert state is not W or quality <= CONFIG.tracking_above
+        # A lost part that looks well is lost until a second frame says so.
+        assert state is not L or quality <= CONFIG.tracking_above or before is L
+        before = state
 
 
 def test_searches_grow_rarer_while_the_part_stays_lost() -> None:

@@ -30,6 +30,8 @@ _LEAST_SIGMA_PX = 1.0
 # For judging edges that were never searched from: just beyond the px that still count as found.
 _JUDGE_LEVEL = Level(5, QUALITY_SIGMA_PX)
 _FOUND, _SURELY_FOUND = 0.02, 0.1
+# Where chance alone would find edges: near, but not where those of a right pose still count.
+_BESIDE_PX = 2.5
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,8 @@ class NormalMeasure:
     def plain_quality(self, distances: FloatArray) -> float:
         """The quality of distances (n, m) px to the candidates, whatever the memory says of these."""
         scores = self.candidates.scores * self.edges.weights[:, None]
+        if not scores.size:
+            return 0.0
         return float((scores * np.exp(-0.5 * (distances / QUALITY_SIGMA_PX) ** 2)).max(1).mean())
 
     @property
@@ -265,6 +269,13 @@ class NormalJudgement:
         """The quality, for a share without what the memory says."""
         share = self.measure.plain_share
         return (1.0 - share) * self.quality + (share * self.measure.plain_quality(self.distances) if share else 0.0)
+
+    @cached_property
+    def contrast(self) -> float:
+        """In [-1, 1]: how many more image edges are at the points than beside them, whatever the memory says."""
+        quality_of, distances = self.measure.plain_quality, self.distances
+        beside = 0.5 * (quality_of(distances - _BESIDE_PX) + quality_of(distances + _BESIDE_PX))
+        return quality_of(distances) - beside
 
     def learn(self, trusted: bool) -> None:
         """What was learnt goes into the method's `SampleKnowledge`."""

@@ -1,0 +1,115 @@
+"""The way back: where is a part that was lost?
+
+While a part is lost the detector looks for it, near where it was last seen and, in turns, all over the image and from
+any side. Every search is of one frame's image and spread over as many frames as its work takes. What it finds was
+there some frames ago, so it is a proposal: the tracker solves its present frame from it, with all that it knows of the
+part's look, and takes it only if that fits. Where it does not fit any more the part may have moved on: the next search
+is around there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.pose_prior import PosePrior
+from acp_lab.detection.work import Errand
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.find import Detection, Finder
+from acp_lab.tracking.recovery import WayBack
+
+PROPOSAL_WORK = 10_000.0
+"""Of a frame that is solved from a proposal, see `detection.work`."""
+_Search = Errand[tuple[Detection, ...]]
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far from a pose a search looks, see `PosePrior`."""
+
+    within_deg: float
+    depth_ratio: float
+    around_px: float | None = None
+
+    def of(self, cam_T_obj: FloatArray) -> PosePrior:
+        """Around a pose (4, 4)."""
+        return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, self.around_px)
+
+
+NEAR, LIKE_LAST, ANY_SIDE = Reach(25.0, 1.12, 80.0), Reach(40.0, 1.3), Reach(180.0, 1.6)
+WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
+"""In their order, again and again; None for everywhere."""
+WIDE_FRAMES = 3
+"""Frames that a wide search gets between two searches nearby: a part that is back where it was is found at once."""
+
+
+class Reacquisition:
+    """The search of one tracked part."""
+
+    def __init__(self, model: PreparedPart, config: WayBack) -> None:
+        self._model, self._config = model, config
+        self._finder: Finder | None = None
+        self.forget()
+
+    def prepare(self) -> None:
+        """Make the detector's templates before they are needed: some ten milliseconds, if views are stored."""
+        self._ready()
+
+    def forget(self) -> None:
+        """The part is not lost: the next search begins anew."""
+        self._near: _Search | None = None
+        self._wide: _Search | None = None
+        self._found: tuple[Detection, ...] = ()
+        self._around: FloatArray | None = None
+        self._wide_frames = self._wide_searches = 0
+
+    def look_around(self, cam_T_obj: FloatArray) -> None:
+        """Search next near a pose (4, 4), where the part may have been a moment ago."""
+        self._around, self._near, self._found = cam_T_obj, None, ()
+
+    def proposals(self, frame: Frame, last_seen: FloatArray) -> list[FloatArray]:
+        """Go on searching in a frame; poses (4, 4) to solve it from, the best first, mostly none.
+
+        last_seen: (4, 4), where the part was.
+        """
+        found, self._found = self._found, ()
+        if found:
+            self.look_around(found[0].cam_T_obj)
+        budget = self._config.budget - PROPOSAL_WORK * len(found)
+        while budget > 0.0 and not self._found:
+            budget = self._go_on(frame, last_seen, budget)
+        return [one.cam_T_obj for one in found]
+
+    def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
+        """Spend some of a budget; what is left of it."""
+        if self._wide_frames > 0 and self._around is None:
+            if self._wide is None:
+                reach = WIDE[self._wide_searches % len(WIDE)]
+                self._wide_searches += 1
+                self._wide = self._search(frame, None if reach is None else reach.of(last_seen))
+            search, self._wide_frames = self._wide, self._wide_frames - 1
+        else:
+            if self._near is None:
+                around, self._around = self._around, None
+                self._near = self._search(frame, NEAR.of(last_seen if around is None else around))
+            search = self._near
+        budget = search.go_on(budget)
+        if search.result is None:
+            return budget
+        self._found = tuple(one for one in search.result if one.score >= self._config.least_score)
+        if search is self._near:
+            self._near, self._wide_frames = None, WIDE_FRAMES
+        else:
+            self._wide = None
+        return budget
+
+    def _search(self, frame: Frame, prior: PosePrior | None) -> _Search:
+        return Errand(self._ready().search(frame, self._config.proposals, prior))
+
+    def _ready(self) -> Finder:
+        if self._finder is None:
+            self._finder = Finder(self._model, DetectionConfig())
+            self._finder.prepare()
+        return self._finder

@@ -1,0 +1,264 @@
+"""The quality as a probability: how often a pose of quality q is right, and how weights for that are fitted.
+
+    python -m benchmarks.confidence metal_dev --parts out/parts --split checking --picture docs/images/reliability.png
+    python -m benchmarks.confidence metal_dev --parts out/parts --split tuning --fit
+
+Each sequence is tracked forwards and backwards from truth, every second frame, from starts 2 and 5 degrees and mm off,
+and once with a board over the part in four frames of twelve ("faults"). Beside every fourth frame three poses 3 to 20%
+of the diameter away are judged as they are. Right: ADD (ADD-S for symmetric parts) below 5% of the diameter. Reported:
+the expected calibration error in ten bins, and the area under the ROC curve against ADD above 10%. PARTS holds
+prepared parts, or one folder of them per data set; --fit prints the weights of `acp_lab.tracking.confidence`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from acp_lab.commands.machine import limit_threads
+
+limit_threads(1)  # before NumPy is imported
+
+import numpy as np  # noqa: E402
+
+from acp_lab.cad.part import box_corners  # noqa: E402
+from acp_lab.errors import TrackingError  # noqa: E402
+from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
+from acp_lab.geometry.arrays import BoolArray, FloatArray  # noqa: E402
+from acp_lab.geometry.pose import disturb_pose  # noqa: E402
+from acp_lab.prepared_part import PreparedPart  # noqa: E402
+from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
+from acp_lab.sequences.frame import Frame  # noqa: E402
+from acp_lab.tracking.confidence import Confidence  # noqa: E402
+from acp_lab.tracking.frame_view import crop_box  # noqa: E402
+from acp_lab.tracking.learning.knowledge import Off  # noqa: E402
+from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.schedule import Level  # noqa: E402
+from acp_lab.tracking.solution import Solution  # noqa: E402
+from acp_lab.tracking.states import StateConfig  # noqa: E402
+from acp_lab.tracking.stopwatch import Stopwatch  # noqa: E402
+from acp_lab.tracking.targets.normals import NormalJudgement  # noqa: E402
+from acp_lab.tracking.tracker import Tracker  # noqa: E402
+from benchmarks import measured  # noqa: E402
+from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
+from benchmarks.runs import part_name, visible_frames  # noqa: E402
+
+RIGHT, WRONG = 0.05, 0.1
+RUNS = (("forwards", 0.0), ("backwards", 0.0), ("second", 0.0), ("forwards", 2.0), ("forwards", 5.0), ("covered", 0.0))
+ORDERS = {"backwards": slice(None, None, -1), "second": slice(None, None, 2)}
+BINS = 10
+# A state that never changes: a tracker that is lost behaves otherwise.
+NEVER_LOST = StateConfig(weak_below=0.0, tracking_above=0.0, lost_below=0.0, found_above=0.0)
+UNIT = {
+    "frames": "judged poses",
+    "auc": "area under the ROC curve against ADD above 10%",
+    "ece": "expected calibration error, right: ADD below 5%",
+}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A pose that was judged. kind: "tracked", "disturbed" or "faults"; error: ADD as a share of the diameter."""
+
+    kind: str
+    error: float
+    agreement: float
+    contrast: float
+    margin: float
+
+
+def main() -> None:
+    """See the module."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("datasets", nargs="+", type=Path)
+    parser.add_argument("--parts", type=Path, required=True)
+    parser.add_argument("--method", default="acp")
+    parser.add_argument("--split", choices=SPLITS, default="all")
+    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--picture", type=Path)
+    parser.add_argument("--record", metavar="KEY")
+    args = parser.parse_args()
+    method = method_named(args.method)
+    judged: list[Judged] = []
+    for root in args.datasets:
+        for scene_id in BopDataset(root).scenes():
+            scene = BopDataset(root).open_scene(scene_id)
+            if is_in_split(part_name(root, scene.object_ids[0]), args.split):
+                judged += _judged(scene, args.parts, method)
+                print(root.name, scene_id, len(judged), flush=True)
+    if args.fit:
+        print("weights (constant, agreement, contrast, margin):", np.round(fitted(judged), 2))
+    if isinstance(method.confidence, Off):
+        return
+    values = {
+        "clean": _row([one for one in judged if one.kind == "tracked"], method.confidence),
+        "clean and disturbed": _row([one for one in judged if one.kind != "faults"], method.confidence),
+        "all, with faults": _row(judged, method.confidence),
+    }
+    for name, row in values.items():
+        print(name, row)
+    if args.picture:
+        _draw(judged, method.confidence, args.picture)
+    if args.record:
+        about = f"the quality of {args.method} as a probability, parts for {args.split}"
+        names = ", ".join(root.name for root in args.datasets)
+        measured.record(f"confidence.{args.record}", about, UNIT, names, values)
+
+
+def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
+    object_id = scene.object_ids[0]
+    mesh = scene.dataset.part_path(object_id)
+    folder = parts / scene.dataset.name
+    model = PreparedPart.load((folder if folder.is_dir() else parts) / mesh.stem, mesh)
+    metric, rng = PartMetric(model.part, 500), np.random.default_rng(scene.scene_id)
+    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    known = [frame for frame in frames if scene.truth(frame.index, object_id) is not None]
+    visible = visible_frames(scene.folder, object_id, [frame.index for frame in known])
+    for order, off in RUNS:
+        run = known[ORDERS.get(order, slice(None))]
+        tracker = _Watched(model, replace(method, states=NEVER_LOST, way_back=Off()))
+        truths = [_truth(scene, frame, object_id) for frame in run]
+        try:
+            tracker.start(run[0], disturb_pose(truths[0], model.part.box_centre, off, off, rng))
+        except TrackingError:
+            continue
+        for number, (frame, truth) in enumerate(zip(run, truths, strict=True)):
+            covered = order == "covered" and number % 12 in (5, 6, 7, 8)
+            if number:
+                tracker.track(_covered(frame, truth, model) if covered else frame)
+            if tracker.solution is not None and (covered or visible[frame.index]):
+                error = metric.share(tracker.solution.cam_T_obj, truth)
+                yield _seen("faults" if covered else "tracked", error, tracker.solution)
+                if number % 4 == 0 and off == 0.0 and order in ("forwards", "backwards") and error < 0.03:
+                    yield from _disturbed(tracker, frame, truth, metric, rng)
+
+
+class _Watched(Tracker):
+    """Keeps the solution of the last frame; None where the part was not seen."""
+
+    solution: Solution | None = None
+
+    def _quality(self, solution: Solution) -> float:
+        self.solution = solution
+        return super()._quality(solution)
+
+
+def _truth(scene: BopScene, frame: Frame, object_id: int) -> FloatArray:
+    truth = scene.truth(frame.index, object_id)
+    assert truth is not None
+    return truth
+
+
+def _covered(frame: Frame, truth: FloatArray, model: PreparedPart) -> Frame:
+    box = crop_box(box_corners(model.part), truth, frame.camera, 15.0)
+    image = frame.image.copy()
+    if box is not None:
+        image[box[1] : box[3], box[0] : box[2]] = (150, 110, 60)
+    return replace(frame, image=image)
+
+
+def _disturbed(
+    tracker: Tracker, frame: Frame, truth: FloatArray, metric: PartMetric, rng: np.random.Generator
+) -> Iterator[Judged]:
+    part, found = tracker.part, 0
+    for _ in range(60):
+        degrees, mm = rng.uniform(0.0, 25.0), rng.uniform(0.0, 0.3 * part.diameter)
+        pose = disturb_pose(truth, part.box_centre, degrees, mm, rng)
+        error = metric.share(pose, truth)
+        seen = tracker.look(frame, pose) if 0.03 < error < 0.2 else None
+        if seen is None:
+            continue
+        solution = tracker.solver.look_at(seen, seen.view.at_pose(pose), Level(5, 1.0, 600), Stopwatch())
+        if solution is not None:
+            yield _seen("disturbed", error, solution)
+            found += 1
+        if found == 3:
+            return
+
+
+def _seen(kind: str, error: float, solution: Solution) -> Judged:
+    first, *others = solution.judgements
+    assert isinstance(first, NormalJudgement)
+    return Judged(kind, error, first.quality, first.contrast, sum(judgement.score for judgement in others))
+
+
+def qualities(judged: list[Judged], confidence: Confidence) -> FloatArray:
+    """(n,) as the tracker reports them."""
+    weights = [confidence.constant, confidence.agreement, confidence.contrast, confidence.margin]
+    return np.asarray(1.0 / (1.0 + np.exp(-_features(judged) @ weights)))
+
+
+def fitted(judged: list[Judged]) -> FloatArray:
+    """(4,) weights of a logistic regression; features that never vary get none."""
+    features, right = _features(judged), np.array([one.error < RIGHT for one in judged], np.float64)
+    mean, spread = features.mean(0), features.std(0)
+    mean[0], spread[0] = 0.0, 1.0
+    scaled = (features - mean) / np.maximum(spread, 1e-9)
+    weights = np.zeros(4)
+    for _ in range(60):  # Newton's method, slightly regularised
+        p = 1.0 / (1.0 + np.exp(-scaled @ weights))
+        hessian = (scaled * (p * (1.0 - p))[:, None]).T @ scaled + 1e-4 * len(right) * np.eye(4)
+        weights += np.linalg.solve(hessian, scaled.T @ (right - p) - 1e-4 * len(right) * weights)
+    weights = np.where(spread > 1e-9, weights / np.maximum(spread, 1e-9), 0.0)
+    weights[0] -= weights[1:] @ mean[1:]
+    return weights
+
+
+def calibration_error(quality: FloatArray, right: BoolArray) -> float:
+    """Mean over all frames of | mean quality - share that is right | of a frame's bin (Guo et al. 2017, eq. 3)."""
+    bins = np.minimum((quality * BINS).astype(int), BINS - 1)
+    gaps = [abs(quality[bins == k].sum() - right[bins == k].sum()) for k in range(BINS)]
+    return float(sum(gaps) / len(quality))
+
+
+def area_under_curve(quality: FloatArray, positive: BoolArray) -> float:
+    """Probability that a positive has a higher quality than a negative; NaN where one of them is missing."""
+    from scipy.stats import rankdata
+
+    many, few = int(positive.sum()), int((~positive).sum())
+    if not many or not few:
+        return float("nan")
+    return float((rankdata(quality)[positive].sum() - many * (many + 1) / 2) / (many * few))
+
+
+def _features(judged: list[Judged]) -> FloatArray:
+    return np.array([[1.0, one.agreement, one.contrast, one.margin] for one in judged])
+
+
+def _row(judged: list[Judged], confidence: Confidence) -> dict[str, float]:
+    quality, error = qualities(judged, confidence), np.array([one.error for one in judged])
+    return {
+        "frames": len(judged),
+        "auc": area_under_curve(quality, error <= WRONG),
+        "ece": calibration_error(quality, error < RIGHT),
+    }
+
+
+def _draw(judged: list[Judged], confidence: Confidence, path: Path) -> None:
+    """The reliability diagram: quality against the share that is right, and how often each quality occurs."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    quality, right = qualities(judged, confidence), np.array([one.error < RIGHT for one in judged])
+    bins = np.minimum((quality * BINS).astype(int), BINS - 1)
+    used = [k for k in range(BINS) if (bins == k).any()]
+    figure, (upper, lower) = plt.subplots(2, 1, figsize=(4.5, 5.5), height_ratios=(3, 1), sharex=True)
+    upper.plot([0, 1], [0, 1], color="0.6", linestyle="--", linewidth=1, label="a perfect probability")
+    share = [right[bins == k].mean() for k in used]
+    upper.plot([quality[bins == k].mean() for k in used], share, "o-", color="#1f6fb4", label="measured")
+    upper.set_ylabel("share with ADD below 5%")
+    upper.legend(frameon=False, loc="upper left")
+    lower.hist(quality, bins=BINS, range=(0, 1), color="#1f6fb4", rwidth=0.9)
+    lower.set_yscale("log")
+    lower.set_xlabel("quality")
+    lower.set_ylabel("frames")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

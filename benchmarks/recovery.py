@@ -1,0 +1,236 @@
+"""The way back of a part that was hidden or that left: how often it is found again, and how soon.
+
+    python -m benchmarks.recovery metal_public metal_dev --parts out/parts --record dev
+
+Frames go forwards and backwards over a scene as often as needed. In the middle the part is covered by a board, plain
+or with the picture of another place of the image, for 1, 5, 10 or 30 frames, while it moves on. In "jump" the sequence
+goes on, after 10 covered frames, from another of its frames: one in which the part appears within 60 px and 20 degrees
+of where it was last seen ("jump near"), or the one farthest from there ("jump far"). Tracking starts from truth, with
+defaults.
+
+A run is back when, from a frame within 10 of the end of the cover on, the state is tracking and ADD below 10% of the
+diameter for five frames. Runs whose part comes back beyond 60 px or 20 degrees of where it was last seen have 60
+frames, and make up the row "elsewhere". False: the longest row of frames with state tracking and ADD above 30%.
+PARTS holds prepared parts, or one folder of them per data set. Times are CPU ms of frames in which the part is lost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from acp_lab.commands.machine import limit_threads
+
+limit_threads(1)  # before NumPy is imported
+
+import numpy as np  # noqa: E402
+
+from acp_lab.cad.part import box_corners  # noqa: E402
+from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
+from acp_lab.geometry.pose import rotation_angle_deg, transform  # noqa: E402
+from acp_lab.prepared_part import PreparedPart  # noqa: E402
+from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
+from acp_lab.sequences.frame import Frame  # noqa: E402
+from acp_lab.tracking.frame_view import crop_box  # noqa: E402
+from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.method_file import read_method  # noqa: E402
+from acp_lab.tracking.result import TrackState  # noqa: E402
+from acp_lab.tracking.tracker import Tracker  # noqa: E402
+from benchmarks import measured  # noqa: E402
+
+RIGHT, LOST = 0.1, 0.3
+STEADY = 5
+"""Frames in a row that make a part back."""
+HIDDEN = {"hidden 1": 1, "hidden 5": 5, "hidden 10": 10, "hidden 30": 30, "jump near": 10, "jump far": 10}
+"""Covered frames, by the kind of the absence."""
+WAIT_NEAR, WAIT_ELSEWHERE = 10, 60
+NEAR_PX, NEAR_DEG = 60.0, 20.0
+UNIT = {
+    "runs": "runs",
+    "back": "share of runs in which the part is back in time",
+    "false": "most frames in a row with state tracking and ADD above 30%",
+    "lost_ms": "95th percentile of the CPU ms of frames in which the part is lost",
+    "most_ms": "the longest of them",
+}
+
+
+@dataclass(frozen=True)
+class Walk:
+    """One absence.
+
+    kind: of HIDDEN. near: whether the part comes back near. before, covered, after: rows of the scene's frames.
+    """
+
+    kind: str
+    near: bool
+    before: tuple[int, ...]
+    covered: tuple[int, ...]
+    after: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Return:
+    """What came of it. back_after: frames from the end of the cover, None for never; false: see the module's head."""
+
+    kind: str
+    near: bool
+    back_after: int | None
+    false: int
+    lost_ms: tuple[float, ...]
+
+    @property
+    def in_time(self) -> bool:
+        """Whether the part is back soon enough."""
+        return self.back_after is not None and self.back_after <= (WAIT_NEAR if self.near else WAIT_ELSEWHERE)
+
+    @property
+    def row(self) -> str:
+        """Of the table."""
+        return self.kind if self.near else "elsewhere"
+
+
+def main() -> None:
+    """See the module."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("datasets", nargs="+", type=Path)
+    parser.add_argument("--parts", type=Path, required=True)
+    parser.add_argument("--scene", type=int, action="append")
+    parser.add_argument("--method", default="acp", help="a method's name, or a TOML file")
+    parser.add_argument("--kinds", default=",".join(HIDDEN))
+    parser.add_argument("--record", metavar="KEY")
+    args = parser.parse_args()
+    method = read_method(Path(args.method)) if args.method.endswith(".toml") else method_named(args.method)
+    returns: list[Return] = []
+    for root in args.datasets:
+        for scene_id in args.scene or BopDataset(root).scenes():
+            scene = BopDataset(root).open_scene(scene_id)
+            new = list(_returns(scene, args.parts, method, args.kinds.split(",")))
+            print(root.name, scene_id, *(_told(one) for one in new), sep="  ", flush=True)
+            returns += new
+    rows = sorted({one.row for one in returns}, key=[*HIDDEN, "elsewhere"].index)
+    values = {row: _row([one for one in returns if one.row == row]) for row in rows}
+    for kind, row in values.items():
+        print(kind, row)
+    if args.record:
+        about = "runs in which the part was covered, and came back; tracker acp, defaults, from truth"
+        names = ", ".join(root.name for root in args.datasets)
+        measured.record(f"recovery.{args.record}", about, UNIT, names, values)
+
+
+def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str]) -> Iterator[Return]:
+    object_id = scene.object_ids[0]
+    mesh = scene.dataset.part_path(object_id)
+    folder = parts / scene.dataset.name
+    model = PreparedPart.load((folder if folder.is_dir() else parts) / mesh.stem, mesh)
+    metric = PartMetric(model.part, 500)
+    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    truths = [scene.truth(frame.index, object_id) for frame in frames]
+    known = [(f, t) for f, t in zip(frames, truths, strict=True) if t is not None]
+    for number, kind in enumerate(kinds):
+        walk = _walk(kind, known, model)
+        if walk is not None:
+            yield _play(walk, known, Tracker(model, method), metric, plain=(number + scene.scene_id) % 2 == 0)
+
+
+def _walk(kind: str, known: list[tuple[Frame, Any]], model: PreparedPart) -> Walk | None:
+    """The rows to play; None where the scene has no place that is near."""
+    count, seen, hidden = len(known), 12, HIDDEN[kind]
+    path = [*range(count), *range(count - 2, 0, -1)]
+    turn = [path[k % len(path)] for k in range(seen + hidden + WAIT_ELSEWHERE + 2 * STEADY)]
+    before, covered, after = turn[:seen], turn[seen : seen + hidden], turn[seen + hidden :]
+    if kind.startswith("jump"):
+        far = [max(px / NEAR_PX, deg / NEAR_DEG) for px, deg in (_away(known[before[-1]], one, model) for one in known)]
+        near = [k for k in range(count) if 0.5 < far[k] <= 1.0]
+        if kind == "jump near" and not near:
+            return None
+        first = max(near, key=lambda k: far[k]) if kind == "jump near" else int(np.argmax(far))
+        at = path.index(first)
+        after = [path[(at + k) % len(path)] for k in range(len(after))]
+        covered = [before[-1]] * hidden
+    px, deg = _away(known[before[-1]], known[after[0]], model)
+    is_near = px <= NEAR_PX and deg <= NEAR_DEG
+    wait = WAIT_NEAR if is_near else WAIT_ELSEWHERE
+    return Walk(kind, is_near, tuple(before), tuple(covered), tuple(after[: wait + 2 * STEADY]))
+
+
+def _away(one: tuple[Frame, Any], other: tuple[Frame, Any], model: PreparedPart) -> tuple[float, float]:
+    """px between the places of the part's centre in the image, degrees between its turns."""
+    centres = [frame.camera.project(transform(pose, model.part.box_centre[None]))[0] for frame, pose in (one, other)]
+    turned = min(
+        rotation_angle_deg(one[1][:3, :3], (other[1] @ turn)[:3, :3]) for turn in model.part.symmetries.transforms()
+    )
+    return float(np.linalg.norm(centres[0] - centres[1])), float(turned)
+
+
+def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: PartMetric, plain: bool) -> Return:
+    corners = box_corners(tracker.part)
+    first, truth = known[walk.before[0]]
+    tracker.start(first, truth)
+    errors, tracking, lost_ms = list[float](), list[bool](), list[float]()
+    rows = [*walk.before[1:], *walk.covered, *walk.after]
+    covers = range(len(walk.before) - 1, len(walk.before) - 1 + len(walk.covered))
+    for number, row in enumerate(rows):
+        frame, truth = known[row]
+        if number in covers:
+            frame = _covered(frame, crop_box(corners, truth, frame.camera, 15.0), plain)
+        begin = time.process_time()
+        result = tracker.track(frame)
+        if result.state is TrackState.LOST:
+            lost_ms.append(1e3 * (time.process_time() - begin))
+        errors.append(metric.share(result.cam_T_obj, truth))
+        tracking.append(result.state is TrackState.TRACKING)
+    right = [e < RIGHT and t for e, t in zip(errors, tracking, strict=True)]
+    since = covers.stop
+    back = next((k - since + 1 for k in range(since, len(rows) - STEADY) if all(right[k : k + STEADY])), None)
+    wrong = [e > LOST and t for e, t in zip(errors, tracking, strict=True)]
+    return Return(walk.kind, walk.near, back, _longest(wrong), tuple(lost_ms))
+
+
+def _covered(frame: Frame, box: tuple[int, int, int, int] | None, plain: bool) -> Frame:
+    if box is None:
+        return frame
+    image = frame.image.copy()
+    height, width = image.shape[:2]
+    x0, y0, x1, y1 = box
+    high, wide = y1 - y0, x1 - x0
+    # What stands beside the part, where there is room for it.
+    places = [(x0 - wide, y0), (x1, y0), (x0, y0 - high), (x0, y1)]
+    free = [(x, y) for x, y in places if x >= 0 and y >= 0 and x + wide <= width and y + high <= height]
+    if plain or not free:
+        image[y0:y1, x0:x1] = (150, 110, 60)
+    else:
+        x, y = free[0]
+        image[y0:y1, x0:x1] = frame.image[y : y + high, x : x + wide]
+    return replace(frame, image=image)
+
+
+def _longest(flags: list[bool]) -> int:
+    longest = run = 0
+    for flag in flags:
+        run = run + 1 if flag else 0
+        longest = max(longest, run)
+    return longest
+
+
+def _told(one: Return) -> str:
+    back = "never" if one.back_after is None else str(one.back_after)
+    return f"{one.kind}{'' if one.near else ' (far)'}: {back}" + (f" (false {one.false})" if one.false > STEADY else "")
+
+
+def _row(returns: list[Return]) -> dict[str, float]:
+    lost = [ms for one in returns for ms in one.lost_ms]
+    return {
+        "runs": len(returns),
+        "back": float(np.mean([one.in_time for one in returns])) if returns else 0.0,
+        "false": max((one.false for one in returns), default=0),
+        "lost_ms": float(np.percentile(lost, 95)) if lost else 0.0,
+        "most_ms": max(lost, default=0.0),
+    }
+
+
+if __name__ == "__main__":
+    main()

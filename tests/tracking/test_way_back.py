@@ -1,0 +1,176 @@
+"""A part that is lost is looked for with a budget, found again, and believed when two frames say so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.detection.view_templates import make_views
+from acp_lab.detection.work import Steps
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.find import Detection
+from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.method import ACP
+from acp_lab.tracking.recovery import WayBack
+from acp_lab.tracking.result import TrackState
+from acp_lab.tracking.tracker import Tracker
+from acp_lab.tracking.way_back import NEAR, PROPOSAL_WORK, WIDE_FRAMES, Reacquisition
+from tests.made_parts import bracket, looking_at
+from tests.tracking.rendered import add_percent, draw, poses, prepared
+
+LARGE = Camera(width=320, height=256, fx=420.0, fy=425.0, cx=159.5, cy=127.5)
+ANYWHERE = np.eye(4)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}, {"gain": -0.1}],
+)
+def test_nonsense_is_refused(values: dict[str, float]) -> None:
+    with pytest.raises(TrackingError, match="way_back"):
+        WayBack(**values)  # type: ignore[arg-type]
+
+
+# ---- in what order it searches ---------------------------------------------------------------------------------
+
+
+class Searched:
+    """Stands for a finder: searches of a told length, whose results are told; remembers what was asked."""
+
+    def __init__(self, slices: int, score: float) -> None:
+        self.slices, self.score = slices, score
+        self.asked: list[float | None] = []
+
+    def search(self, frame: Frame, top: int, prior: object) -> Steps[tuple[Detection, ...]]:
+        self.asked.append(None if prior is None else prior.within_deg)  # type: ignore[attr-defined]
+        for _ in range(self.slices):
+            yield 1000.0
+        pose = np.eye(4)
+        pose[0, 3] = frame.index
+        return (Detection(pose, self.score, np.array([0.0, 0.0, 1.0])),)
+
+
+def searching(slices: int, score: float, budget: float) -> tuple[Reacquisition, Searched]:
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    way_back = Reacquisition(prepared(part), WayBack(budget=budget, proposals=1))
+    finder = Searched(slices, score)
+    way_back._finder = finder  # type: ignore[assignment]
+    return way_back, finder
+
+
+def frame(index: int) -> Frame:
+    return Frame(index, np.zeros((4, 4, 3), np.uint8), Camera(4, 4, 4.0, 4.0, 1.5, 1.5))
+
+
+def test_searches_nearby_and_wide_ones_take_turns() -> None:
+    """A search nearby takes ten frames here, a wide one is interrupted after its share."""
+    way_back, finder = searching(slices=95, score=0.0, budget=10_000.0)
+    for index in range(60):
+        assert way_back.proposals(frame(index), ANYWHERE) == []
+    near = [index for index, asked in enumerate(finder.asked) if asked == NEAR.within_deg]
+    wide = [asked for asked in finder.asked if asked != NEAR.within_deg]
+    # 60 frames: turns of 10 nearby and 3 wide; a wide search needs ten of these.
+    assert len(near) == 5
+    assert len(wide) == 60 // (10 + WIDE_FRAMES) // 4 + 1
+
+
+def test_every_reach_has_its_turn() -> None:
+    way_back, finder = searching(slices=1, score=0.0, budget=3_000.0)
+    for index in range(40):
+        way_back.proposals(frame(index), ANYWHERE)
+    assert {25.0, 40.0, 180.0, None} == set(finder.asked)
+
+
+def test_work_per_frame_is_bounded() -> None:
+    way_back, finder = searching(slices=1000, score=0.0, budget=7_000.0)
+    steps = 0
+
+    def counted(frame: Frame, top: int, prior: object) -> Steps[tuple[Detection, ...]]:
+        nonlocal steps
+        while True:
+            steps += 1
+            yield 1000.0
+
+    finder.search = counted  # type: ignore[method-assign]
+    for index in range(5):
+        way_back.proposals(frame(index), ANYWHERE)
+    assert steps == 35
+
+
+def test_what_was_found_is_proposed_in_the_next_frame_and_searched_around() -> None:
+    way_back, finder = searching(slices=8, score=0.9, budget=PROPOSAL_WORK + 5_000.0)
+    assert way_back.proposals(frame(0), ANYWHERE) == []
+    (pose,) = way_back.proposals(frame(1), ANYWHERE)
+    assert pose[0, 3] == 0.0  # of the frame that was searched
+    assert finder.asked == [25.0, 25.0]
+    assert way_back._around is None  # in use
+
+
+def test_poor_hypotheses_are_not_proposed() -> None:
+    way_back, _ = searching(slices=3, score=0.49, budget=50_000.0)
+    assert [way_back.proposals(frame(index), ANYWHERE) for index in range(5)] == [[]] * 5
+
+
+# ---- in a tracker ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def far_away() -> tuple[PreparedPart, list[ByteImage], list[FloatArray]]:
+    """A part that moves, is gone for four frames, and is elsewhere from frame 10 on."""
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    start = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    truth = poses(part, start, 6)
+    elsewhere = start.copy()
+    elsewhere[0, 3] += 55.0
+    elsewhere[1, 3] -= 30.0
+    truth += [truth[-1]] * 4 + [elsewhere] * 25
+    images = [draw([] if 6 <= k < 10 else [(part, pose)], k, LARGE) for k, pose in enumerate(truth)]
+    model = prepared(part)
+    return replace(model, views=make_views(part, model.best_generator())), images, truth
+
+
+def test_a_part_that_comes_back_elsewhere_is_found(
+    far_away: tuple[PreparedPart, list[ByteImage], list[FloatArray]],
+) -> None:
+    model, images, truth = far_away
+    results = {}
+    for name, method in {"with": ACP, "without": replace(ACP, way_back=Off())}.items():
+        tracker = Tracker(model, method)
+        results[name] = [tracker.start(Frame(0, images[0], LARGE), truth[0])]
+        results[name] += [tracker.track(Frame(k, image, LARGE)) for k, image in enumerate(images[1:], 1)]
+    found = results["with"]
+    assert [result.state for result in found[:6]] == [TrackState.TRACKING] * 6
+    assert {result.state for result in found[8:10]} == {TrackState.LOST}
+    assert found[-1].state is TrackState.TRACKING
+    assert add_percent(model.part, found[-1].cam_T_obj, truth[-1]) < 2.0
+    # Never believed in the first frame that fits.
+    first = next(k for k in range(10, 35) if found[k].state is not TrackState.LOST)
+    assert found[first - 1].quality > ACP.states.found_above
+    wrong = [k for k in range(10, 35) if found[k].state is TrackState.TRACKING
+             and add_percent(model.part, found[k].cam_T_obj, truth[k]) > 30.0]  # fmt: skip
+    assert wrong == []
+    assert results["without"][-1].state is TrackState.LOST
+
+
+def test_nothing_is_learnt_and_nothing_followed_while_lost(
+    far_away: tuple[PreparedPart, list[ByteImage], list[FloatArray]],
+) -> None:
+    model, images, truth = far_away
+    tracker = Tracker(model)
+    tracker.start(Frame(0, images[0], LARGE), truth[0])
+    for k in range(1, 6):
+        tracker.track(Frame(k, images[k], LARGE))
+    noise = np.random.default_rng(0)
+    for k in range(6, 16):
+        clutter = noise.integers(0, 255, images[0].shape).astype(np.uint8)
+        tracker.track(Frame(k, clutter, LARGE))
+    assert add_percent(model.part, tracker.last, truth[5]) < 5.0
+    back = [tracker.track(Frame(k, images[5], LARGE)) for k in range(16, 20)]
+    assert back[-1].state is TrackState.TRACKING
+    assert add_percent(model.part, back[-1].cam_T_obj, truth[5]) < 2.0
