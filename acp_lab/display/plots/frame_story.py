@@ -73,7 +73,7 @@ def draw_runs(
     for limit, word in ((_STATES.weak_below, "weak"), (_STATES.lost_below, "lost")):
         quality_axes.axhline(limit, color=WRONG, linestyle=":", linewidth=1.0)
         quality_axes.annotate(word, (0.0, limit), (2, 2), textcoords="offset points", fontsize=8, color=WRONG)
-    quality_axes.set_ylim(0.0, 0.7)
+    quality_axes.set_ylim(0.0, 1.05)
     quality_axes.set_ylabel("quality [0 to 1]")
     for axes in (error_axes, quality_axes):
         axes.set_xlabel("image id")
