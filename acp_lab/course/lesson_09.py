@@ -33,9 +33,9 @@ _LOOK_AT = {
     "C": "look at the very first frame: do the edges sit on the part, and is its quality that of the other runs?",
 }
 _TRICKY = (
-    (0.5, 0.28, 0.26, 0.28, 0.29, 0.31, 0.28),
-    (0.5, 0.1, 0.4, 0.1, 0.1, 0.22, 0.26, 0.28, 0.25, 0.31),
-    (0.5, 0.19, 0.22, 0.19, 0.19, 0.19, 0.35),
+    (0.9, 0.55, 0.48, 0.52, 0.58, 0.62, 0.55),
+    (0.9, 0.1, 0.7, 0.1, 0.1, 0.3, 0.45, 0.7, 0.4, 0.55, 0.52, 0.65),
+    (0.9, 0.2, 0.3, 0.2, 0.2, 0.2, 0.7, 0.8),
 )
 
 
@@ -44,7 +44,7 @@ def states_of_qualities(answer: Any) -> str:
     """states(qualities) -> list of words, held against the tracker's own machine."""
     states = as_function(answer, "a function states(qualities)")
     rng = np.random.default_rng(91)
-    longer = [np.round(rng.uniform(0.1, 0.4, 40), 3).tolist() for _ in range(3)]
+    longer = [np.round(rng.uniform(0.1, 0.8, 40), 3).tolist() for _ in range(3)]
     for qualities in (*map(list, _TRICKY), *longer):
         found = states(list(qualities))
         if isinstance(found, str) or not hasattr(found, "__len__") or len(found) != len(qualities):
@@ -63,7 +63,7 @@ def _compare_states(qualities: Sequence[float], found: Sequence[str]) -> None:
         past = ", ".join(f"{value:g}" for value in qualities[max(0, number - 2) : number]) or "nothing"
         raise Hint(
             f"A frame with quality {quality:g}, after {past}, while the state is '{before}': yours turns to '{word}'. "
-            f"Which limits count when the state is '{before}', and how many low frames in a row were there?"
+            f"Which limits count when the state is '{before}', and how many low or high frames in a row were there?"
         )
 
 
@@ -104,7 +104,7 @@ def _strip(frame: Frame) -> Frame:
         return frame
     image = frame.image.copy()
     left = 390 - 12 * (frame.index - 14)
-    for number, x in enumerate(range(left, left + 36, 6)):
+    for number, x in enumerate(range(left, left + 72, 6)):
         image[:, max(x, 0) : max(x + 6, 0)] = ((215, 215, 220), (70, 60, 50))[number % 2]
     return replace(frame, image=image)
 

@@ -29,9 +29,10 @@ def test_states() -> None:
 @pytest.mark.parametrize(
     ("wrong", "fragment"),
     [
-        (lambda q: states(q, StateConfig(tracking_above=0.27)), "while the state is 'weak'"),
+        (lambda q: states(q, StateConfig(tracking_above=0.5)), "while the state is 'weak'"),
         (lambda q: states(q, StateConfig(patience=1)), "yours turns to 'lost'"),
         (lambda q: states(q, StateConfig(found_above=0.2)), "while the state is 'lost'"),
+        (lambda q: states(q, StateConfig(proof=1)), "while the state is 'lost'"),
         (lambda q: states(q)[1:], "one word for each"),
         (lambda q: "tracking", "one word for each"),
         (lambda q: ["good"] * len(q), "one of these words"),
