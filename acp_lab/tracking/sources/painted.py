@@ -71,7 +71,8 @@ class PaintedRidges:
         """The source of a part; PreparationError when its auto-encoder is not prepared, or for the other frame."""
         generator = model.autoencoder()
         generator.check_frame(self.frame)
-        return RidgeSource(generator, point_set, ridge if self.read == "ridge" else threshold, self.level)
+        read = ridge if self.read == "ridge" else threshold
+        return RidgeSource(generator, point_set, read, self.level, self.frame)
 
 
 @dataclass(frozen=True)
@@ -103,13 +104,19 @@ def _check_level(level: float) -> None:
 
 
 class RidgeSource:
-    """Edge points are the ridges of the edge image, or its bright pixels thinned: the paper's t(I) as it is."""
+    """Edge points are the ridges of the edge image, or its bright pixels thinned: the paper's t(I) as it is.
+
+    With frame "prediction" the network is asked at any I as it is, beside the prior of the estimate's view.
+    """
 
     name = "autoencoder"
     knows_samples = False
     is_exact = False
 
-    def __init__(self, generator: AutoencoderGenerator, point_set: PointSet, read: Reader, level: float) -> None:
+    def __init__(
+        self, generator: AutoencoderGenerator, point_set: PointSet, read: Reader, level: float, frame: PaintingFrame
+    ) -> None:
+        self._frame = frame
         self.regions = generator.regions
         self.canonical_size = generator.size
         self._generator = generator
@@ -119,7 +126,7 @@ class RidgeSource:
 
     def generate(self, at: Estimate, count: int) -> GeneratedEdges:
         """The edges of an estimate."""
-        at = painting_estimate(at, self._generator.frame)
+        at = painting_estimate(at, self._frame)
         view = at.view
         image = self._generator.edge_image(_canonical(at), view.region, self._point_set)
         found = self._points(image, count)

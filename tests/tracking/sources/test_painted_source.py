@@ -43,7 +43,7 @@ def view(part: Part) -> View:
 
 @pytest.fixture
 def ridges() -> RidgeSource:
-    return RidgeSource(PaintedLines(), "regressed", ridge, 0.3)  # type: ignore[arg-type]
+    return RidgeSource(PaintedLines(), "regressed", ridge, 0.3, "prediction")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("by_differences", [False, True])
