@@ -56,10 +56,9 @@ def steps() -> dict[str, Method]:
         "+ residual homography": residual,
         "+ frame at the pose": at_pose,
         "+ orientation bins": bins,
-        "+ annealed alpha": replace(bins, schedule=paper.schedule),
+        "+ annealed alpha": paper,
         "exact edges": replace(paper, source=CadSamples("learned", inset_outlines=True)),
     }
-    assert found["+ annealed alpha"] == paper, "the path does not end at acp-paper"
     return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
 
 
@@ -101,9 +100,13 @@ def track(decoded: DecodedScene, model: PreparedPart, step: str, method: Method)
 
 
 def name_of(scene: BopScene) -> str:
-    """Such as "metal_public/1"; the shipped sample's folder is called data."""
-    name = "sample" if scene.dataset.name == "data" else scene.dataset.name
-    return f"{name}/{scene.scene_id}"
+    """Such as "metal_public 1"."""
+    return f"{set_of(scene)} {scene.scene_id}"
+
+
+def set_of(scene: BopScene) -> str:
+    """The data set's name; the shipped sample's folder is called data."""
+    return "sample" if scene.dataset.name == "data" else scene.dataset.name
 
 
 def load(parts: Path, scene: BopScene) -> PreparedPart:
@@ -111,9 +114,7 @@ def load(parts: Path, scene: BopScene) -> PreparedPart:
     from acp_lab.prepared_part import PreparedPart
 
     object_id = scene.object_ids[0]
-    return PreparedPart.load(
-        parts / name_of(scene).split("/")[0] / f"obj_{object_id:06d}", scene.dataset.part_path(object_id)
-    )
+    return PreparedPart.load(parts / set_of(scene) / f"obj_{object_id:06d}", scene.dataset.part_path(object_id))
 
 
 def of_painted_regions(model: PreparedPart) -> PreparedPart:
