@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from acp_lab.tracking.method import Method
 
 LIMITS = {"@2": 0.02, "@5": 0.05, "@10": 0.10}
-LITERAL_STEPS = ("literal", "+ residual homography")
+LITERAL_STEPS = ("literal", "+ residual homography", "without frame at the pose")
 UNITS = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter, mean over sequences",
     "ms": "CPU ms per frame, median over sequences",
@@ -43,7 +43,7 @@ UNITS = {
 
 
 def steps() -> dict[str, Method]:
-    """The path, cumulative, and what stands beside its end."""
+    """The path, cumulative, then its end with one thing taken away or replaced."""
     from acp_lab.tracking.method import METHODS
     from acp_lab.tracking.sources.rigid import CadSamples
 
@@ -57,6 +57,9 @@ def steps() -> dict[str, Method]:
         "+ frame at the pose": at_pose,
         "+ orientation bins": bins,
         "+ annealed alpha": paper,
+        "without residual homography": replace(paper, variables=replace(paper.variables, residual="generated")),
+        "without frame at the pose": replace(paper, source=literal.source),
+        "without orientation bins": replace(paper, targets=literal.targets),
         "exact edges": replace(paper, source=CadSamples("learned", inset_outlines=True)),
     }
     return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}

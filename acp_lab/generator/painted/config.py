@@ -69,7 +69,7 @@ class AutoencoderConfig:
 
 @dataclass(frozen=True)
 class AutoencoderReport:
-    """How good one region's generator is on held-out, jittered views.
+    """How good one region's generator is on held-out views, jittered where training jitters them.
 
     Attributes:
         region: 0..5.
