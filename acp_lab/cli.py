@@ -50,6 +50,21 @@ class EdgeSource(StrEnum):
     NORMALS = "normals"
 
 
+class PaintingFrame(StrEnum):
+    """Where the auto-encoder's canonical frame stands: at the pose that it paints, or at a frame's predicted one."""
+
+    POSE = "pose"
+    PREDICTION = "prediction"
+
+
+class Device(StrEnum):
+    """Where the auto-encoder is trained."""
+
+    AUTO = "auto"
+    CPU = "cpu"
+    CUDA = "cuda"
+
+
 class Generator(StrEnum):
     """What `prepare` makes of t(I)."""
 
@@ -115,6 +130,12 @@ def prepare(
     edges: Annotated[
         EdgeSource, typer.Option(help="What the auto-encoder learns: the mesh's edges, or Canny on rendered normals.")
     ] = EdgeSource.ANALYTIC,
+    painting_frame: Annotated[
+        PaintingFrame, typer.Option(help="Where the auto-encoder paints: at the pose, or at a frame's prediction.")
+    ] = PaintingFrame.POSE,
+    device: Annotated[
+        Device, typer.Option(help="Trains the auto-encoder; auto is a GPU where there is one.")
+    ] = Device.AUTO,
     seed: Seed = 0,
     threads: Annotated[
         int, typer.Option(min=1, help="CPU threads; more rarely pay. The auto-encoder trains in two.", metavar="N")
@@ -142,6 +163,8 @@ def prepare(
         edge_source=edges.value,
         seed=seed,
         resume=resume,
+        painting_frame=painting_frame.value,
+        device=device.value,
     )
     prepare_parts(meshes, out, options, unit.value)
 

@@ -186,7 +186,9 @@ def _train_autoencoders(model: PreparedPart, job: _Job) -> PreparedPart:
         if region not in model.autoencoders:
             view, points = ALL_REGIONS[region], model.regressed_points[region]
             tell = job.progress_of(f"auto-encoder, region {view.name}")
-            trained = train_autoencoder(model.part, job.caster, view, points, config, seed, tell, checkpoint)
+            trained = train_autoencoder(
+                model.part, job.caster, view, points, config, seed, tell, checkpoint, device=job.options.device
+            )
             autoencoders = model.autoencoders.with_region(region, trained.autoencoder, trained.report)
             model = replace(model, autoencoders=autoencoders)
             if job.folder is not None:
@@ -201,7 +203,8 @@ def _train_autoencoders(model: PreparedPart, job: _Job) -> PreparedPart:
 def _autoencoder_config(options: PrepareOptions, edge_break_mm: float) -> AutoencoderConfig:
     config = AutoencoderConfig.fast() if options.fast else AutoencoderConfig()
     inset_mm = OUTLINE_SHARE_OF_BREAK * edge_break_mm if options.edge_source == "analytic" else 0.0
-    return replace(config, images=replace(config.images, source=options.edge_source, outline_inset_mm=inset_mm))
+    images = replace(config.images, source=options.edge_source, frame=options.painting_frame, outline_inset_mm=inset_mm)
+    return replace(config, images=images)
 
 
 def _in_words(config: object) -> str:

@@ -1,8 +1,8 @@
 """What each choice within a method is worth: one thing changed at a time, on the same edges.
 
 Two bases, both with the visibility network's edges and the control points of the middle section: the paper's path
-(`acp-paper`: a distance map, eight coordinates moved by a homography), and a pose with search along normals. From
-truth, no resets, the first frame left out, one thread; the mean over all scenes, and the first scene alone.
+(`acp-paper-samples`: a distance map, eight coordinates moved by a homography), and a pose with search along normals.
+From truth, no resets, the first frame left out, one thread; the mean over all scenes, and the first scene alone.
 
 Example: python -m benchmarks.choices path/to/dataset --parts out/parts --record
 (parts prepared before: acp-lab prepare MESH --out out/parts/DATASET)
@@ -88,10 +88,10 @@ def search_choices() -> Iterator[tuple[str, Method]]:
 
 def on_exact_edges() -> Method:
     """The paper's path on the visibility network's edges, with the control points of the middle section."""
-    from acp_lab.tracking.method import ACP_PAPER
+    from acp_lab.tracking.method import ACP_PAPER_SAMPLES
     from acp_lab.tracking.sources.rigid import CadSamples
 
-    return replace(ACP_PAPER, source=CadSamples("learned", inset_outlines=True), control_points="mid-section")
+    return replace(ACP_PAPER_SAMPLES, source=CadSamples("learned", inset_outlines=True), control_points="mid-section")
 
 
 def scores(root: Path, parts: Path, methods: dict[str, Method]) -> dict[str, dict[str, float]]:

@@ -48,7 +48,7 @@ def methods() -> Iterator[Method]:
     """The variables and directions that are compared."""
     from acp_lab.imaging.edge_search import SearchConfig
     from acp_lab.tracking.learning.knowledge import Off, SampleLearning
-    from acp_lab.tracking.method import ACP_PAPER
+    from acp_lab.tracking.method import ACP_PAPER_SAMPLES
     from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
     from acp_lab.tracking.prediction import ConstantVelocityPrediction
     from acp_lab.tracking.priors import RigidityPrior
@@ -56,7 +56,7 @@ def methods() -> Iterator[Method]:
     from acp_lab.tracking.targets.normals import NormalSearch
 
     pose = replace(
-        ACP_PAPER,
+        ACP_PAPER_SAMPLES,
         name="pose",
         source=CadSamples("learned", inset_outlines=True),
         variables=PoseVariables(),

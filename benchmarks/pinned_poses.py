@@ -47,14 +47,14 @@ def methods() -> dict[str, Method]:
     from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
     from acp_lab.tracking.targets.normals import NormalSearch
 
-    base = replace(METHODS["acp-paper"], control_points="mid-section")
+    base = replace(METHODS["acp-paper-samples"], control_points="mid-section")
     samples = CadSamples("learned", inset_outlines=True)
     others = (
         replace(
             base,
             name="painted ridges",
             source=PaintedRidges(),
-            variables=ControlPointVariables("autograd", carry="points"),
+            variables=ControlPointVariables(carry="points", residual="homography"),
             targets=(DistanceMap("tukey", EdgeMapConfig(orientation_bins=4)),),
             schedule=ShareSchedule(0.08, samples=300),
             solver=LevenbergMarquardt(steps=3),

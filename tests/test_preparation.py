@@ -329,7 +329,15 @@ def test_an_interrupted_region_goes_on_from_its_checkpoint(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    "wish", [{"seed": 1}, {"edge_break_mm": 0.4}, {"edge_source": "normals"}, {"resume": False}], ids=str
+    "wish",
+    [
+        {"seed": 1},
+        {"edge_break_mm": 0.4},
+        {"edge_source": "normals"},
+        {"painting_frame": "prediction"},
+        {"resume": False},
+    ],
+    ids=str,
 )
 def test_other_wishes_train_anew(tmp_path: Path, wish: dict[str, Any]) -> None:
     paint(tmp_path, regions=(0,))
@@ -338,7 +346,9 @@ def test_other_wishes_train_anew(tmp_path: Path, wish: dict[str, Any]) -> None:
     told = Told()
     model = paint(tmp_path, told, regions=(1,), **wish)
     assert told.stages[-1] == "auto-encoder, region -x"
-    assert ("control points, region -x" in told.stages) == (not {"edge_break_mm", "edge_source"} & set(wish))
+    only_painting = {"edge_break_mm", "edge_source", "painting_frame"} & set(wish)
+    assert ("control points, region -x" in told.stages) == (not only_painting)
+    assert model.autoencoder().frame == wish.get("painting_frame", "pose")
     assert sorted(model.autoencoders) == [1]
     assert sorted(PreparedPart.load(tmp_path / "bracket").autoencoders) == [1]
 

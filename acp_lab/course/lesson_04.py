@@ -12,8 +12,10 @@ from acp_lab.course.answers import Hint, as_array, as_function, as_number
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import SAMPLE_REGION, sample_part
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.homography import apply_homography, homography_from_points
 
 _CLOSE = 1e-6
+_NEAR_PX = 1e-3
 _BATCH, _SIDE = 3, 24
 
 
@@ -83,6 +85,49 @@ def where_the_ridge_is(answer: Any) -> str:
             "Put a parabola through the logarithms of the three: first and second difference tell where its slope is 0."
         )
     return "Exact to the last digit, wherever the line runs: the logarithm of a Gaussian is a parabola."
+
+
+@exercise("04.4")
+def the_rest(answer: Any) -> str:
+    """rest(edges, neighbour, points): edge points moved by the homography from the rigid neighbour of I to I."""
+    function = as_function(answer, "a function rest(edges, neighbour, points)")
+    edges, neighbour, points = _pulled()
+    found = as_array(function(edges.copy(), neighbour.copy(), points.copy()), edges.shape, "the moved edge points")
+    expected = apply_homography(homography_from_points(neighbour, points), edges)
+    if np.abs(found - expected).max() < _NEAR_PX:
+        return (
+            "Where I is rigid the rest is nothing; elsewhere generated edges start near where the last level's "
+            "homography had left them, up to what it cannot do for edges off its plane."
+        )
+    along = np.column_stack([neighbour, np.ones(4)])
+    affine = np.linalg.lstsq(along, points, rcond=None)[0]
+    wrong = (
+        (edges, "Nothing moved: these are the edges of the rigid neighbour, and the rest is lost."),
+        (
+            apply_homography(homography_from_points(points, neighbour), edges),
+            "The wrong way round: the edges belong to the neighbour, and should go to I.",
+        ),
+        (
+            edges + (points - neighbour).mean(0),
+            "The mean shift of the four points is two numbers of eight: take all of the homography.",
+        ),
+        (
+            np.column_stack([edges, np.ones(len(edges))]) @ affine,
+            "An affine map has six numbers, and cannot take any four points to any four: a homography has eight.",
+        ),
+    )
+    for value, hint in wrong:
+        if np.abs(found - value).max() < _NEAR_PX:
+            raise Hint(hint)
+    raise Hint("One homography, from the four points of the neighbour to the four of I, applied to every edge point.")
+
+
+def _pulled() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Edge points (n, 2), the four points that they belong to, and four others that no part can show beside these."""
+    neighbour = np.array([[210.0, 150.0], [420.0, 170.0], [430.0, 320.0], [200.0, 330.0]])
+    points = neighbour + np.array([[14.0, -5.0], [-6.0, 9.0], [3.0, 12.0], [-9.0, -4.0]])
+    shares = np.random.default_rng(8).uniform(0.0, 1.0, (40, 2))
+    return np.array([200.0, 150.0]) + shares * np.array([230.0, 180.0]), neighbour, points
 
 
 @cache

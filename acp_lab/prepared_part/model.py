@@ -18,6 +18,7 @@ from acp_lab.detection.view_templates import Views
 from acp_lab.errors import AcpLabError, PreparationError
 from acp_lab.files import write_changed
 from acp_lab.generator.base import RigidGenerator
+from acp_lab.generator.device import Device
 from acp_lab.generator.painted.config import AutoencoderReport
 from acp_lab.generator.painted.image_generator import AutoencoderGenerator, PointSet, RegionAutoencoder
 from acp_lab.generator.templates import TemplateGenerator
@@ -91,8 +92,8 @@ class PreparedPart:
             raise PreparationError(f"{self.part.name}: no generator is prepared; {self._command()}")
         return self.templates
 
-    def autoencoder(self) -> AutoencoderGenerator:
-        """The paper's t(I).
+    def autoencoder(self, device: Device = "cpu") -> AutoencoderGenerator:
+        """The paper's t(I), painting on a device.
 
         Raises:
             PreparationError: it is not prepared.
@@ -101,7 +102,7 @@ class PreparedPart:
             raise PreparationError(
                 f"{self.part.name}: no auto-encoder is prepared; {self._command()} --generator autoencoder"
             )
-        return AutoencoderGenerator(self.autoencoders, self.part.name)
+        return AutoencoderGenerator(self.autoencoders, self.part.name, device)
 
     def control_points(self, region: int, point_set: PointSet) -> np.ndarray:
         """(4, 3) mm: W of a view region 0..5, as regressed or the box's middle section as it is.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.errors import PreparationError
-from acp_lab.generator.painted.edge_images import Source
+from acp_lab.generator.device import Device
+from acp_lab.generator.painted.edge_images import PaintingFrame, Source
 
 GENERATORS = ("templates", "learned", "both", "autoencoder")
 LARGEST_EDGE_BREAK_MM = 1e3
@@ -29,6 +30,9 @@ class PrepareOptions:
             through Canny, as the paper's authors did; those know no broken edges.
         seed: of all random choices, 0 or more.
         resume: keep what the folder holds; False replaces it.
+        painting_frame: where the canonical frame stands that the auto-encoder paints in: at the "pose" itself
+            (`acp-paper`), or at the "prediction" for a frame (`acp-paper-literal`), see `edge_images.EdgeImageConfig`.
+        device: of the auto-encoder's training: "cpu", "cuda" (a GPU), or "auto", a GPU where there is one.
 
     Raises:
         PreparationError: a value that none of these allows, named as the command line's option.
@@ -41,6 +45,8 @@ class PrepareOptions:
     edge_source: Source = "analytic"
     seed: int = 0
     resume: bool = True
+    painting_frame: PaintingFrame = "pose"
+    device: Device = "auto"
 
     def __post_init__(self) -> None:
         if self.generator not in GENERATORS:
@@ -51,6 +57,10 @@ class PrepareOptions:
             object.__setattr__(self, "regions", tuple(sorted(set(self.regions))))
         if self.edge_break_mm is not None and not 0.0 <= self.edge_break_mm < LARGEST_EDGE_BREAK_MM:
             raise PreparationError(f"--edge-break {self.edge_break_mm:g}: give millimetres, such as 0.3")
+        if self.painting_frame not in get_args(PaintingFrame):
+            raise PreparationError(f"--painting-frame {self.painting_frame}: choose pose or prediction")
+        if self.device not in get_args(Device):
+            raise PreparationError(f"--device {self.device}: choose auto, cpu or cuda")
         if self.seed < 0:
             raise PreparationError(f"--seed {self.seed}: give 0 or more")
 

@@ -22,7 +22,7 @@ from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, generate_edges, project_samples
-from acp_lab.generator.painted.edge_points import RIDGE_THRESHOLD
+from acp_lab.generator.painted.edge_points import RIDGE_THRESHOLD, ridge
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
@@ -33,7 +33,7 @@ from acp_lab.geometry.tps import warp_points_tps
 from acp_lab.imaging.chamfer import Chamfer, chamfer
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import View
-from acp_lab.tracking.sources.painted import PaintedRidges
+from acp_lab.tracking.sources.painted import RidgeSource
 
 MOST_PAINTED = 20_000
 Warp = Callable[[FloatArray], FloatArray]
@@ -83,7 +83,8 @@ class ManipulationBench:
         self.region = choose_region(eye_position(self.reference_pose) - part.box_centre, self._half_size)
         self._painter = None
         if self.region in model.autoencoders:
-            self._painter = PaintedRidges(level=RIDGE_THRESHOLD).open(model, "mid-section")
+            # Asked at any I as it is: what the network makes of an I that no rigid motion makes is to be seen.
+            self._painter = RidgeSource(model.autoencoder(), "mid-section", ridge, RIDGE_THRESHOLD, "prediction")
         self.points_obj = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[self.region].axis)
         self.control_points = self.points_at(self.reference_pose)
         self.reference = self.true_edges(self.reference_pose)

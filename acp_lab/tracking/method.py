@@ -14,8 +14,10 @@
     learning    what is learnt of each edge sample             learning/
     confidence  how likely a pose is right                     confidence
 
-`acp-paper-samples` is the paper's path with the CAD's own edge samples gated by the painted image; the two
-ablations of Table III are the same with one part changed. Any other sum of parts is a method too, by
+`acp-paper` is the paper's path with the four deviations that it needs, one setting each: `variables.residual`,
+`source.frame`, `edge_map.orientation_bins` and `schedule.shares`; `acp-paper-literal` is without them. The two
+ablations of Table III are `acp-paper` with one part changed. `acp-paper-samples` reads no positions off the painted
+image: it gates the CAD's own edge samples. Any other sum of parts is a method too, by
 `dataclasses.replace` or from a TOML file (`method_file`). A sum in which some setting would be ignored is refused.
 """
 
@@ -45,7 +47,7 @@ from acp_lab.tracking.sources.painted import PaintedRidges, PaintedSamples
 from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.start import TrustedStart
 from acp_lab.tracking.states import StateConfig
-from acp_lab.tracking.targets.distance_map import DistanceMap
+from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 
@@ -121,6 +123,11 @@ class Method:
                 'targets.kind = "regions": its colours are learnt with the samples: give learning.kind = "samples"',
             ),
             (
+                not (self._regenerates and (self._residual or self._paints_at_pose)),
+                "variables.direction: generates anew beside a free I, which a residual homography and a source with "
+                'frame = "pose" do not: give direction = "homography"',
+            ),
+            (
                 not (self._regenerates and binds_levels),
                 'targets.bind = "level": follows the edges of a level, but variables.direction generates others at '
                 'every step: give bind = "step", or direction = "homography"',
@@ -148,12 +155,20 @@ class Method:
         return isinstance(self.variables, ControlPointVariables) and self.variables.direction != "homography"
 
     @property
+    def _residual(self) -> bool:
+        return isinstance(self.variables, ControlPointVariables) and self.variables.residual == "homography"
+
+    @property
+    def _paints_at_pose(self) -> bool:
+        return isinstance(self.source, PaintedRidges) and self.source.frame == "pose"
+
+    @property
     def _learns_offsets(self) -> bool:
         return isinstance(self.learning, SampleLearning) and not isinstance(self.learning.offsets, Off)
 
     def open_source(self, model: PreparedPart) -> EdgeSource:
         """t(I) of a part; PreparationError when the generator is not prepared."""
-        return self.source.open(model, self.control_points)
+        return self.variables.around(self.source.open(model, self.control_points))
 
     def control_points_of(self, model: PreparedPart, regions: tuple[int, ...]) -> tuple[FloatArray, ...]:
         """(4, 3) mm per view region 0..5: W; those of regions beyond `regions` are the box's middle section.
@@ -184,15 +199,15 @@ ACP_EDGES = replace(
     learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0), learn_above=0.7),
     confidence=EDGES_ALONE,
 )
-ACP_PAPER_SAMPLES = Method(
-    name="acp-paper-samples",
-    summary="the paper's path; the painted edge image chooses among the CAD's edge samples",
+ACP_PAPER = Method(
+    name="acp-paper",
+    summary="the paper's path: ridges of the painted edge image, eight free coordinates, a distance map",
     control_points="regressed",
     margin_px=40.0,
-    source=PaintedSamples(),
-    variables=ControlPointVariables(),
-    targets=(DistanceMap(),),
-    schedule=ShareSchedule(),
+    source=PaintedRidges(frame="pose"),
+    variables=ControlPointVariables(carry="points", residual="homography"),
+    targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),),
+    schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.6, 0.4)),
     priors=(),
     solver=GaussNewton(),
     prediction=LastPosePrediction(),
@@ -204,7 +219,23 @@ ACP_PAPER_SAMPLES = Method(
     confidence=Off(),
     states=StateConfig(weak_below=0.27, tracking_above=0.30, lost_below=0.20, found_above=0.27),
 )
-ACP_PAPER = replace(ACP_PAPER_SAMPLES, name="acp-paper", summary="the same as acp-paper-samples")
+ACP_PAPER_LITERAL = replace(
+    ACP_PAPER,
+    name="acp-paper-literal",
+    summary="acp-paper as it is printed, without the deviations that it needs",
+    source=PaintedRidges(frame="prediction"),
+    variables=ControlPointVariables(carry="points"),
+    targets=(DistanceMap(),),
+    schedule=ShareSchedule(alpha=0.05, shares=(1.0,)),
+)
+ACP_PAPER_SAMPLES = replace(
+    ACP_PAPER,
+    name="acp-paper-samples",
+    summary="a mixture: the painted edge image only chooses among the CAD's edge samples",
+    source=PaintedSamples(),
+    variables=ControlPointVariables(),
+    targets=(DistanceMap(),),
+)
 DIRECT_6DOF = replace(
     ACP_PAPER,
     name="direct-6dof",
@@ -219,7 +250,16 @@ UNOPTIMISED_POINTS = replace(
 )
 
 METHODS: dict[str, Method] = {
-    method.name: method for method in (ACP, ACP_EDGES, ACP_PAPER, ACP_PAPER_SAMPLES, DIRECT_6DOF, UNOPTIMISED_POINTS)
+    method.name: method
+    for method in (
+        ACP,
+        ACP_EDGES,
+        ACP_PAPER,
+        ACP_PAPER_LITERAL,
+        ACP_PAPER_SAMPLES,
+        DIRECT_6DOF,
+        UNOPTIMISED_POINTS,
+    )
 }
 
 

@@ -25,6 +25,7 @@ from acp_lab.geometry.pose_step import move_pose
 from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.sources import EdgeSource
 from acp_lab.tracking.sources.lift import EdgeLifter
+from acp_lab.tracking.sources.residual import ResidualHomography
 
 Rows = Callable[[FloatArray], FloatArray]
 """From image directions (n, 2) to (n, k): how each edge point moves along its direction by the k variables."""
@@ -55,12 +56,20 @@ class ControlPointVariables:
             generator ("autograd"), or by generating anew beside I ("differences").
         carry: what goes on to the next frame: "points", I itself as in the paper, lets the two directions drift that no
             rigid motion makes; "pose" is the I of the pose that PnP found.
+        residual: what becomes of these two directions when edges are generated: "generated", t(I) is asked at I as it
+            is (the paper); "homography", it is asked at the rigid neighbour of I, and its edges are moved by the
+            homography from there to I (see `sources.residual`).
     """
 
     kind: ClassVar[str] = "control-points"
     count: ClassVar[int] = 8
     direction: Literal["homography", "autograd", "differences"] = "homography"
     carry: Literal["points", "pose"] = "pose"
+    residual: Literal["generated", "homography"] = "generated"
+
+    def around(self, source: EdgeSource) -> EdgeSource:
+        """The source that generates at any I, made of one that may know rigid I only."""
+        return ResidualHomography(source) if self.residual == "homography" else source
 
     def motion(
         self, source: EdgeSource, edges: GeneratedEdges, at: Estimate, lifter: EdgeLifter, samples: int
@@ -99,6 +108,10 @@ class PoseVariables:
     kind: ClassVar[str] = "pose"
     count: ClassVar[int] = 6
     linearise: Literal["step", "level"] = "step"
+
+    def around(self, source: EdgeSource) -> EdgeSource:
+        """The source as it is: a pose is rigid."""
+        return source
 
     def motion(
         self, source: EdgeSource, edges: GeneratedEdges, at: Estimate, lifter: EdgeLifter, samples: int

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from acp_lab.geometry.homography import apply_homography, homography_from_points
 from tests.course.grading import hints, passes
 
 
@@ -86,3 +87,27 @@ def test_where_the_ridge_is() -> None:
 )
 def test_wrong_ridges(wrong, fragment: str) -> None:  # type: ignore[no-untyped-def]
     hints("04.3", wrong, fragment)
+
+
+def test_the_rest() -> None:
+    passes("04.4", lambda edges, near, points: apply_homography(homography_from_points(near, points), edges))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fragment"),
+    [
+        (lambda edges, near, points: edges, "the rest is lost"),
+        (lambda edges, near, points: apply_homography(homography_from_points(points, near), edges), "way round"),
+        (lambda edges, near, points: edges + (points - near).mean(0), "two numbers of eight"),
+        (
+            lambda edges, near, points: (
+                np.c_[edges, np.ones(len(edges))] @ np.linalg.lstsq(np.c_[near, np.ones(4)], points, rcond=None)[0]
+            ),
+            "affine",
+        ),
+        (lambda edges, near, points: edges + 1.0, "one homography"),
+        (lambda edges, near, points: edges[:5], "moved edge points"),
+    ],
+)
+def test_wrong_rests(wrong, fragment: str) -> None:  # type: ignore[no-untyped-def]
+    hints("04.4", wrong, fragment)

@@ -20,6 +20,8 @@ from acp_lab.prepared_part import PrepareOptions
         ({"regions": ()}, r"--regions \(\): choose from 0 to 5, or all"),
         ({"edge_break_mm": -0.1}, r"--edge-break -0\.1: give millimetres"),
         ({"edge_break_mm": float("nan")}, r"--edge-break nan: give millimetres"),
+        ({"painting_frame": "middle"}, r"--painting-frame middle: choose pose or prediction"),
+        ({"device": "tpu"}, r"--device tpu: choose auto, cpu or cuda"),
         ({"seed": -1}, r"--seed -1: give 0 or more"),
     ],
     ids=str,
@@ -37,7 +39,7 @@ def test_regions_are_wanted_once_each_in_ascending_order() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [PrepareOptions(), PrepareOptions("autoencoder", True, (5, 2), 0.4, "normals", 7, False)],
+    [PrepareOptions(), PrepareOptions("autoencoder", True, (5, 2), 0.4, "normals", 7, False, "prediction", "cpu")],
     ids=["default", "all set"],
 )
 def test_json_and_back(options: PrepareOptions) -> None:

@@ -11,7 +11,7 @@ from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.studies.frame_story import FrameStory, frame_story
-from acp_lab.tracking.method import ACP_EDGES, ACP_PAPER
+from acp_lab.tracking.method import ACP_EDGES, ACP_PAPER_SAMPLES
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
 from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.tracker import Tracker
@@ -60,8 +60,8 @@ def test_the_prediction_is_the_trackers_own(
 
 
 def test_a_method_without_a_search_cannot_be_told(sequence: AlteredSequence) -> None:
-    method = replace(ACP_PAPER, source=CadSamples(), control_points="mid-section")
-    with pytest.raises(TrackingError, match="acp-paper does not search"):
+    method = replace(ACP_PAPER_SAMPLES, source=CadSamples(), control_points="mid-section")
+    with pytest.raises(TrackingError, match="acp-paper-samples does not search"):
         frame_story(sample_model(), sequence, 2, method)
 
 

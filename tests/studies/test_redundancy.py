@@ -12,7 +12,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.studies.redundancy import drift, misfit_px, redundant_directions, rigid_share
-from acp_lab.tracking.method import ACP_PAPER
+from acp_lab.tracking.method import ACP_PAPER_SAMPLES
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.sources.rigid import CadSamples
@@ -53,7 +53,7 @@ def test_misfit_is_a_root_mean_square_over_the_points(camera: Camera) -> None:
 def test_drift_of_a_run() -> None:
     scene, model = sample_scene(), sample_model()
     method = replace(
-        ACP_PAPER,
+        ACP_PAPER_SAMPLES,
         source=CadSamples("templates", inset_outlines=True),
         control_points="mid-section",
         variables=ControlPointVariables(carry="points"),

@@ -12,6 +12,8 @@ import numpy as np
 
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
+from acp_lab.generator.device import Device
+from acp_lab.generator.painted.edge_images import PaintingFrame
 from acp_lab.generator.painted.image_generator import PointSet
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 from acp_lab.prepared_part import PreparedPart, Trained
@@ -21,10 +23,14 @@ class Lit:
     """An image generator for some regions that paints everything, and keeps what it was asked."""
 
     size = 32
+    frame: PaintingFrame = "pose"
 
     def __init__(self, regions: tuple[int, ...]) -> None:
         self.regions = regions
         self.asked: list[tuple[int, PointSet]] = []
+
+    def check_frame(self, wanted: PaintingFrame) -> None:
+        pass
 
     def edge_image(self, points: FloatArray, region: int, point_set: PointSet = "regressed") -> Float32Array:
         self.asked.append((region, point_set))
@@ -37,7 +43,7 @@ class LitPart(PreparedPart):
 
     lit: Lit = field(default_factory=lambda: Lit((4,)))
 
-    def autoencoder(self) -> Lit:  # type: ignore[override]
+    def autoencoder(self, device: Device = "cpu") -> Lit:  # type: ignore[override]
         return self.lit
 
 

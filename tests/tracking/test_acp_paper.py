@@ -13,6 +13,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
+from acp_lab.errors import PreparationError
 from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.painted.training import train_autoencoder
@@ -26,12 +27,12 @@ from tests.tracking.rendered import MadeSequence, add_percent, draw, poses, prep
 
 REGION = 4
 TINY = AutoencoderConfig(
-    images=EdgeImageConfig(size=64, views=96, held_out=8, overlap=0.1, nearest=2.5, farthest=6.0),
-    shape=NetworkShape(size=64, latent=32, widths=(16, 16, 8), hidden=64),
-    autoencoder_epochs=5,
-    latent_epochs=4,
-    fine_tune_epochs=4,
-    second_epochs=4,
+    images=EdgeImageConfig(size=96, views=128, held_out=8, overlap=0.1, nearest=2.5, farthest=6.0),
+    shape=NetworkShape(size=96, latent=32, widths=(24, 24, 16), hidden=64),
+    autoencoder_epochs=2,
+    latent_epochs=2,
+    fine_tune_epochs=40,
+    second_epochs=60,
 )
 
 
@@ -42,8 +43,8 @@ def plate() -> Part:
 
 @pytest.fixture(scope="module")
 def sequence(plate: Part) -> MadeSequence:
-    """It ends 18% of the plate's diameter away from where it began."""
-    truth = poses(plate, looking_at(plate, np.array([0.4, 0.3, 1.0]), 260.0, 0.3), 8)
+    """It ends 28% of the plate's diameter away from where it began."""
+    truth = poses(plate, looking_at(plate, np.array([0.4, 0.3, 1.0]), 260.0, 0.3), 12)
     return MadeSequence([draw([(plate, pose)], seed) for seed, pose in enumerate(truth)], {1: truth})
 
 
@@ -62,7 +63,8 @@ def model(plate: Part, tmp_path_factory: pytest.TempPathFactory) -> PreparedPart
     return PreparedPart.load(folder)
 
 
-LIMIT_PERCENT = 6.0
+# The small picture leaves the plate's distance open by some 6%, and the little network adds to it.
+LIMIT_PERCENT = 11.0
 
 
 @pytest.fixture(scope="module")
@@ -102,3 +104,22 @@ def test_each_ablation_goes_another_way(runs: dict[str, tuple[TrackResult, ...]]
     # The regressed points of this part lie nearer to its middle than those of "w/o opt".
     sizes = [np.ptp(runs[name][0].control_points, axis=0).max() for name in ("acp-paper", "unoptimised-points")]
     assert sizes[0] == pytest.approx(0.8 * sizes[1], rel=0.05)
+
+
+@pytest.mark.slow
+def test_another_networks_painting_loses_the_part(
+    plate: Part, model: PreparedPart, sequence: MadeSequence, runs: dict[str, tuple[TrackResult, ...]]
+) -> None:
+    """The same method with the painting of a part that is wider than it is long."""
+    other = box((34.0, 66.0, 4.0))
+    w_obj = model.regressed_points[REGION]
+    trained = train_autoencoder(other, make_caster(other), ALL_REGIONS[REGION], w_obj, TINY, seed=0)
+    wrong = replace(model, autoencoders=Trained({REGION: trained.autoencoder}, {REGION: trained.report}))
+    results = Tracker(wrong, ACP_PAPER).run(sequence, sequence.first_pose).results[1]
+    assert max(off_percent(plate, (result.cam_T_obj for result in results), sequence)) > 2.0 * LIMIT_PERCENT
+
+
+@pytest.mark.slow
+def test_the_literal_path_needs_a_network_of_its_own(model: PreparedPart) -> None:
+    with pytest.raises(PreparationError, match="--painting-frame prediction"):
+        Tracker(model, "acp-paper-literal")

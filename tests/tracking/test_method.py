@@ -24,6 +24,7 @@ from acp_lab.tracking.learning.knowledge import Off, SampleLearning
 from acp_lab.tracking.method import (
     ACP,
     ACP_PAPER,
+    ACP_PAPER_LITERAL,
     ACP_PAPER_SAMPLES,
     DIRECT_6DOF,
     METHODS,
@@ -45,11 +46,12 @@ from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
+from tests.tracking.drawn_part import drawn_part
 from tests.tracking.lit_part import lit_part
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent, draw, poses, prepared
 
 # The paper's path but for its edges, which need no training here.
-BASE = replace(ACP_PAPER, name="made", source=CadSamples("templates"), control_points="mid-section")
+BASE = replace(ACP_PAPER_SAMPLES, name="made", source=CadSamples("templates"), control_points="mid-section")
 POSE = replace(BASE, variables=PoseVariables())
 MEMORY = SampleLearning(offsets=Off())
 VELOCITY = ConstantVelocityPrediction(rest_below=-1.0)
@@ -85,18 +87,38 @@ def frozen_percent(part: Part, sequence: MadeSequence) -> float:
     return max(add_percent(part, first, sequence.truth(index, 1)) for index in sequence.frame_ids)  # type: ignore[arg-type]
 
 
+def first(sequence: MadeSequence) -> tuple[Frame, FloatArray]:
+    """The first frame, and the pose in it."""
+    frame = next(sequence.frames())
+    assert isinstance(frame, Frame)
+    return frame, sequence.first_pose
+
+
 # ---- the named methods ---------------------------------------------------------------------------------------
 
 
 def test_ablations_change_one_thing() -> None:
     changes: tuple[tuple[Method, dict[str, Any]], ...] = (
-        (ACP_PAPER_SAMPLES, {}),
         (DIRECT_6DOF, {"variables": PoseVariables()}),
         (UNOPTIMISED_POINTS, {"control_points": "mid-section"}),
     )
     for method, change in changes:
         assert method == replace(ACP_PAPER, name=method.name, summary=method.summary, **change)
-        assert not change or method != replace(ACP_PAPER, name=method.name, summary=method.summary)
+        assert method != replace(ACP_PAPER, name=method.name, summary=method.summary)
+
+
+def test_the_literal_path_lacks_the_four_deviations_and_nothing_else() -> None:
+    paper = replace(ACP_PAPER, name=ACP_PAPER_LITERAL.name, summary=ACP_PAPER_LITERAL.summary)
+    back: tuple[dict[str, Any], ...] = (
+        {"variables": replace(ACP_PAPER.variables, residual="generated")},
+        {"source": replace(ACP_PAPER.source, frame="prediction")},
+        {"targets": (DistanceMap(),)},
+        {"schedule": replace(ACP_PAPER.schedule, shares=(1.0,))},
+    )
+    for change in back:
+        assert paper != ACP_PAPER_LITERAL
+        paper = replace(paper, **change)
+    assert paper == ACP_PAPER_LITERAL
 
 
 OF_CAD_SAMPLES = ("acp", "acp-edges")
@@ -104,7 +126,15 @@ OF_CAD_SAMPLES = ("acp", "acp-edges")
 
 
 def test_names_are_those_of_the_methods() -> None:
-    assert list(METHODS) == ["acp", "acp-edges", "acp-paper", "acp-paper-samples", "direct-6dof", "unoptimised-points"]
+    assert list(METHODS) == [
+        "acp",
+        "acp-edges",
+        "acp-paper",
+        "acp-paper-literal",
+        "acp-paper-samples",
+        "direct-6dof",
+        "unoptimised-points",
+    ]
     for name, method in METHODS.items():
         assert method_named(name) is method
         assert method.name == name
@@ -114,29 +144,45 @@ def test_names_are_those_of_the_methods() -> None:
         method_named("apc")
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", [name for name in METHODS if name != "acp-paper-literal"])
 def test_every_named_method_follows_a_plate(name: str, plate: Flat) -> None:
     """With every edge painted that faces the camera, which on a plate is every visible one."""
-    model = lit_part(plate.model, (4,))
+    model = drawn_part(plate.model)
     tracker = Tracker(model, name)
     run = tracker.run(plate.sequence, plate.sequence.first_pose)
     assert run.method == tracker.name == name
     off = off_percent(model.part, run, plate.sequence)
     assert max(off) < 7.0
-    # The small picture of a thin plate leaves its distance open by some 3%.
-    assert max(off[4:]) < 4.5
+    # The small picture of a thin plate leaves its distance open by some 3%, and what is painted adds some.
+    assert max(off[4:]) < (4.5 if name in OF_CAD_SAMPLES or name.endswith("samples") else 6.0)
     assert frozen_percent(model.part, plate.sequence) > 2 * 7.0
     if name not in OF_CAD_SAMPLES:
         wanted = "mid-section" if name == "unoptimised-points" else "regressed"
-        assert set(model.lit.asked) == {(4, wanted)}
+        assert set(model.autoencoder().asked) == {(4, wanted)}
         assert tracker.generator_name == "autoencoder"
+
+
+@pytest.mark.parametrize("name", ["acp-paper", "direct-6dof", "unoptimised-points"])
+def test_the_painted_image_carries_the_paper(name: str, plate: Flat) -> None:
+    """What is tracked is what is painted: with every pixel lit there are no lines, with another part's it is lost."""
+    with pytest.raises(TrackingError, match=r"at the start pose .* not seen"):
+        Tracker(lit_part(plate.model, (4,)), name).start(*first(plate.sequence))
+    other = drawn_part(plate.model, shown=prepared(box((30.0, 52.0, 12.0))))
+    run = Tracker(other, name).run(plate.sequence, plate.sequence.first_pose)
+    assert max(off_percent(plate.model.part, run, plate.sequence)) > 12.0
+
+
+def test_what_is_painted_matters_little_to_the_mixture(plate: Flat) -> None:
+    """The CAD's samples carry it, wherever a line is painted."""
+    run = Tracker(lit_part(plate.model, (4,)), "acp-paper-samples").run(plate.sequence, plate.sequence.first_pose)
+    assert max(off_percent(plate.model.part, run, plate.sequence)) < 7.0
 
 
 def test_without_optimised_points_the_paper_goes_another_way(plate: Flat) -> None:
     """The two point sets differ in what is painted and in where I is; the ablation is compared with the method."""
     runs = {}
     for method in (ACP_PAPER, UNOPTIMISED_POINTS, DIRECT_6DOF):
-        run = Tracker(lit_part(plate.model, (4,)), method).run(plate.sequence, plate.sequence.first_pose)
+        run = Tracker(drawn_part(plate.model), method).run(plate.sequence, plate.sequence.first_pose)
         runs[method.name] = run.results[1]
     part = plate.model.part
     middle = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[4].axis)
@@ -182,6 +228,16 @@ def test_a_missing_generator_names_the_command(name: str, model: PreparedPart) -
         ),
         (ACP, {"source": CadSamples(inset_outlines=True)}, "source.inset_outlines and learning.offsets"),
         (ACP, {"source": PaintedSamples()}, "source.inset_outlines and learning.offsets"),
+        (
+            ACP_PAPER,
+            {"variables": ControlPointVariables("autograd")},
+            "variables.direction: generates anew",
+        ),
+        (
+            ACP_PAPER_LITERAL,
+            {"variables": ControlPointVariables("differences", residual="homography")},
+            "variables.direction: generates anew",
+        ),
         (
             BASE,
             {"targets": (NormalSearch(),), "variables": ControlPointVariables("autograd")},
@@ -381,7 +437,7 @@ def test_pnp_of_the_reported_control_points_is_the_reported_pose(
 @pytest.mark.parametrize("method", [DIRECT_6DOF, ACP], ids=lambda method: method.name)
 def test_results_are_in_the_w_that_the_tracker_shows(method: Method, plate: Flat) -> None:
     """Regressed points where the method has them: whoever draws a result takes W from the tracker."""
-    model = lit_part(plate.model, (4,), points_share=0.6)
+    model = drawn_part(plate.model, points_share=0.6)
     tracker = Tracker(model, method)
     middle = mid_section_points(model.part.box_min, model.part.box_max, ALL_REGIONS[4].axis)
     regressed = model.part.box_centre + 0.6 * (middle - model.part.box_centre)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acp_lab.tracking.method import ACP_PAPER
+from acp_lab.tracking.method import ACP_PAPER_SAMPLES
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
 from tests.tracking.lit_part import lit_part
@@ -37,7 +37,7 @@ def digest(padding: int) -> str:
     sequence = MadeSequence(list(images), {1: truth})
     model = lit_part(prepared(part), (4,))
     found = hashlib.sha256()
-    for method in (ACP_PAPER, replace(ACP_PAPER, margin_px=10.0), replace(ACP_PAPER, margin_px=1.0)):
+    for method in (replace(ACP_PAPER_SAMPLES, margin_px=margin_px) for margin_px in (40.0, 10.0, 1.0)):
         for result in Tracker(model, method).run(sequence, sequence.first_pose).results[1]:
             found.update(result.cam_T_obj.tobytes())
             found.update(result.control_points.tobytes())

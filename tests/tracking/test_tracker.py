@@ -34,6 +34,7 @@ from acp_lab.tracking.prediction import ConstantVelocityPrediction
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.session import PartTracker, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.sources.painted import PaintedSamples
 from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.targets.normals import NormalSearch
@@ -552,7 +553,7 @@ def test_templates_stand_in_where_nothing_was_learned(part: Part, model: Prepare
 def test_only_regions_that_were_painted_are_used(part: Part, model: PreparedPart) -> None:
     """The auto-encoder knows no other: asked for one, it would raise."""
     lit = lit_part(model, (4,))
-    tracker = Tracker(lit, replace(DIRECT_6DOF, recovery=ACP.recovery))
+    tracker = Tracker(lit, replace(DIRECT_6DOF, source=PaintedSamples(), recovery=ACP.recovery))
     results = tracked(tracker, part, turning(part))
     assert {result.region for result in results} == {4}
     assert {region for region, _ in lit.lit.asked} == {4}

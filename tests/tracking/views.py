@@ -8,6 +8,7 @@ from acp_lab.cad.part import Part
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
+from acp_lab.generator.painted.edge_images import PaintingFrame
 from acp_lab.generator.painted.image_generator import PointSet
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
@@ -43,6 +44,7 @@ class PaintedLines:
 
     regions = tuple(range(6))
     size = 128
+    frame: PaintingFrame = "prediction"
 
     def edge_images(self, points: FloatArray, region: int, point_set: PointSet = "regressed") -> FloatArray:
         return np.stack([self.edge_image(p, region, point_set) for p in points])
@@ -68,6 +70,7 @@ class LeftHalf:
 
     regions = tuple(range(6))
     size = 128
+    frame: PaintingFrame = "prediction"
 
     def edge_image(self, points: FloatArray, region: int, point_set: PointSet = "regressed") -> FloatArray:
         image = np.zeros((128, 128), np.float32)

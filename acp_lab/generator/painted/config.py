@@ -48,13 +48,13 @@ class AutoencoderConfig:
 
     images: EdgeImageConfig = field(default_factory=EdgeImageConfig)
     shape: NetworkShape = field(default_factory=NetworkShape)
-    autoencoder_epochs: int = 20
-    latent_epochs: int = 12
-    fine_tune_epochs: int = 24
-    second_epochs: int = 40
+    autoencoder_epochs: int = 2
+    latent_epochs: int = 2
+    fine_tune_epochs: int = 20
+    second_epochs: int = 12
     autoencoder_rate: float = 4e-2
     latent_rate: float = 2e-2
-    fine_tune_rate: float = 4e-3
+    fine_tune_rate: float = 1e-2
     batch: int = 16
 
     @classmethod
@@ -63,16 +63,13 @@ class AutoencoderConfig:
         return cls(
             images=EdgeImageConfig(views=350, held_out=40),
             shape=NetworkShape(widths=(64, 48, 24)),
-            autoencoder_epochs=8,
-            latent_epochs=6,
-            fine_tune_epochs=4,
-            second_epochs=10,
+            fine_tune_epochs=16,
         )
 
 
 @dataclass(frozen=True)
 class AutoencoderReport:
-    """How good one region's generator is on held-out, jittered views.
+    """How good one region's generator is on held-out views, jittered where training jitters them.
 
     Attributes:
         region: 0..5.

@@ -35,6 +35,8 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import apply_homography
 
 Source = Literal["analytic", "normals"]
+PaintingFrame = Literal["pose", "prediction"]
+"""Where a generator's canonical frame stands: at the pose that it paints, or at a frame's predicted pose, beside it."""
 
 # Neighbouring points of a crease lie at most that far apart in the image, so that lines close.
 POINTS_PER_DIAMETER_128 = 160
@@ -55,9 +57,12 @@ class EdgeImageConfig:
         size: side of the canonical image, px.
         source: "analytic" edges of the mesh, or "normals" through Canny.
         views: for training; held_out: further ones for the report.
+        frame: where the canonical frame will stand. "pose": at the very pose that is painted, so the three degrees of
+            freedom of eye and distance are all there is to learn, and nothing is jittered. (Deviation from the paper.)
+            "prediction": at the pose that a frame expects; the part lies rolled, shifted and scaled in it.
         overlap: share by which a region reaches into its neighbours: the tracker stays up to 15% (`HYSTERESIS`).
         nearest, farthest: distances of the eye in diameters, sampled evenly in 1/distance.
-        roll_deg, shift_px, scale: largest jitter of the virtual camera, each way (5%: 0.05).
+        roll_deg, shift_px, scale: largest jitter of the virtual camera, each way (5%: 0.05); for "prediction" only.
         line_sigma_px: Gaussian width of a drawn edge.
         oversampling: of the rendered normals against the image.
         outline_inset_mm: how far inside the CAD model's the outlines are drawn; analytic edges only.
@@ -65,6 +70,7 @@ class EdgeImageConfig:
 
     size: int = CANONICAL_SIZE
     source: Source = "analytic"
+    frame: PaintingFrame = "pose"
     views: int = 1000
     held_out: int = 100
     overlap: float = 0.2

@@ -14,10 +14,13 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from acp_lab.errors import PreparationError
+from acp_lab.generator.device import Device, torch_device
 from acp_lab.generator.one_thread import one_thread
+from acp_lab.generator.painted.edge_images import PaintingFrame
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
 if TYPE_CHECKING:
+    import torch
     from torch.nn import Module
 
     from acp_lab.generator.painted.autoencoder import Decoder
@@ -37,13 +40,17 @@ class RegionAutoencoder:
         tensors: weights by name, "decoder.*", "regressed.*" and "mid-section.*"; matrices in float16.
         sizes: (7,) image size, latent length, the decoder's three widths, the regressors' width; last a format number.
         points_obj: (2, 4, 3) mm, W regressed and W of the middle section.
+        frame: where its canonical frame stands.
     """
 
     tensors: Mapping[str, np.ndarray]
     sizes: np.ndarray
     points_obj: FloatArray
+    frame: PaintingFrame = "pose"
 
-    FORMAT = 1
+    FORMAT = 2
+    PREDICTION_FORMAT = 1
+    """Of networks for a frame at the prediction; those of earlier versions have it, since that was all there was."""
 
     @property
     def size(self) -> int:
@@ -59,9 +66,10 @@ class RegionAutoencoder:
         """The inverse of `arrays`; raises KeyError or ValueError for any other arrays."""
         rest = dict(arrays)
         sizes, points_obj = rest.pop("sizes"), rest.pop("points_obj")
-        if sizes.shape != (7,) or sizes[-1] != cls.FORMAT or points_obj.shape != (2, 4, 3):
+        frames: dict[int, PaintingFrame] = {cls.FORMAT: "pose", cls.PREDICTION_FORMAT: "prediction"}
+        if sizes.shape != (7,) or int(sizes[-1]) not in frames or points_obj.shape != (2, 4, 3):
             raise ValueError("not an auto-encoder of this program's format")
-        return cls(rest, sizes, points_obj)
+        return cls(rest, sizes, points_obj, frames[int(sizes[-1])])
 
     @classmethod
     def of_networks(
@@ -70,23 +78,26 @@ class RegionAutoencoder:
         decoder: Decoder,
         regressors: Mapping[PointSet, LatentRegressor],
         points_obj: Mapping[PointSet, FloatArray],
+        frame: PaintingFrame = "pose",
     ) -> RegionAutoencoder:
         """Trained networks, their matrices rounded to float16, which halves the file."""
         modules: dict[str, Module] = {"decoder": decoder}
         modules.update({str(name): regressor for name, regressor in regressors.items()})
         tensors = {
-            f"{name}.{key}": _rounded(value.detach().numpy())
+            f"{name}.{key}": _rounded(value.detach().cpu().numpy())
             for name, module in modules.items()
             for key, value in module.state_dict().items()
         }
-        sizes = np.array([shape.size, shape.latent, *shape.widths, shape.hidden, cls.FORMAT], np.int32)
-        return cls(tensors, sizes, np.stack([points_obj[name] for name in POINT_SETS]))
+        number = cls.FORMAT if frame == "pose" else cls.PREDICTION_FORMAT
+        sizes = np.array([shape.size, shape.latent, *shape.widths, shape.hidden, number], np.int32)
+        return cls(tensors, sizes, np.stack([points_obj[name] for name in POINT_SETS]), frame)
 
 
 @dataclass(frozen=True)
 class _Networks:
     decoder: Decoder
     regressors: Mapping[PointSet, LatentRegressor]
+    device: torch.device
 
 
 class AutoencoderGenerator:
@@ -94,11 +105,15 @@ class AutoencoderGenerator:
 
     name = "autoencoder"
 
-    def __init__(self, autoencoders: Mapping[int, RegionAutoencoder], part_name: str = "part") -> None:
+    def __init__(
+        self, autoencoders: Mapping[int, RegionAutoencoder], part_name: str = "part", device: Device = "cpu"
+    ) -> None:
+        """device: one image at a time is painted no faster by a GPU; a thousand are."""
         if not autoencoders:
             raise PreparationError(f"{part_name}: no auto-encoder; run acp-lab prepare with --generator autoencoder")
         self._stored = dict(autoencoders)
         self._part_name = part_name
+        self._device = device
         self._networks: dict[int, _Networks] = {}
 
     @property
@@ -110,6 +125,19 @@ class AutoencoderGenerator:
     def size(self) -> int:
         """Side of the images, px; the same in all regions."""
         return next(iter(self._stored.values())).size
+
+    @property
+    def frame(self) -> PaintingFrame:
+        """Where its canonical frame stands; the same in all regions."""
+        return next(iter(self._stored.values())).frame
+
+    def check_frame(self, wanted: PaintingFrame) -> None:
+        """PreparationError when it was trained for the other frame, as those of earlier versions were."""
+        if self.frame != wanted:
+            raise PreparationError(
+                f"{self._part_name}: its auto-encoder paints in a frame at the {self.frame}, this method needs one at "
+                f"the {wanted}; run acp-lab prepare with --generator autoencoder --painting-frame {wanted}"
+            )
 
     def points_obj(self, region: int, point_set: PointSet = "regressed") -> FloatArray:
         """(4, 3) mm: the W that the region's network was trained with; raises PreparationError if it was not."""
@@ -132,8 +160,8 @@ class AutoencoderGenerator:
         import torch
 
         with one_thread(), torch.inference_mode():
-            inputs = torch.from_numpy(np.asarray(canonical_points, np.float32).reshape(-1, 8))
-            codes: Float32Array = networks.regressors[point_set](inputs).numpy()
+            inputs = torch.from_numpy(np.asarray(canonical_points, np.float32).reshape(-1, 8)).to(networks.device)
+            codes: Float32Array = networks.regressors[point_set](inputs).cpu().numpy()
         return codes
 
     def painted(self, latent_codes: np.ndarray, region: int) -> Float32Array:
@@ -142,8 +170,8 @@ class AutoencoderGenerator:
         import torch
 
         with one_thread(), torch.inference_mode():
-            logits = networks.decoder(torch.from_numpy(np.asarray(latent_codes, np.float32)))
-            images: Float32Array = torch.sigmoid(logits)[:, 0].numpy()
+            logits = networks.decoder(torch.from_numpy(np.asarray(latent_codes, np.float32)).to(networks.device))
+            images: Float32Array = torch.sigmoid(logits)[:, 0].cpu().numpy()
         return images
 
     def edge_image_derivatives(
@@ -162,9 +190,9 @@ class AutoencoderGenerator:
             return image, image
 
         with one_thread(), torch.no_grad():
-            inputs = torch.from_numpy(np.asarray(canonical_points, np.float32).reshape(8))
+            inputs = torch.from_numpy(np.asarray(canonical_points, np.float32).reshape(8)).to(networks.device)
             derivatives, image = torch.func.jacfwd(with_value, has_aux=True)(inputs)
-        return image.numpy(), derivatives.contiguous().numpy()
+        return image.cpu().numpy(), derivatives.contiguous().cpu().numpy()
 
     def _region(self, region: int) -> RegionAutoencoder:
         if region not in self._stored:
@@ -179,7 +207,7 @@ class AutoencoderGenerator:
         if region not in self._networks:
             stored = self._region(region)
             try:
-                self._networks[region] = _load(stored)
+                self._networks[region] = _load(stored, self._device)
             except (RuntimeError, PreparationError) as error:  # torch's words for missing and misshapen weights
                 raise PreparationError(
                     f"{self._part_name}: the auto-encoder of view region {region} is damaged "
@@ -188,13 +216,14 @@ class AutoencoderGenerator:
         return self._networks[region]
 
 
-def _load(stored: RegionAutoencoder) -> _Networks:
+def _load(stored: RegionAutoencoder, device: Device) -> _Networks:
     import torch
 
     from acp_lab.generator.painted.autoencoder import Decoder
     from acp_lab.generator.painted.config import NetworkShape
     from acp_lab.generator.painted.latent_regressor import LatentRegressor
 
+    on = torch_device(device)
     size, latent, coarse, middle, fine, hidden, _ = stored.sizes.tolist()
     shape = NetworkShape(size, latent, (coarse, middle, fine), hidden)
     with torch.random.fork_rng(devices=[]):
@@ -211,8 +240,8 @@ def _load(stored: RegionAutoencoder) -> _Networks:
                 if key.startswith(start)
             }
         )
-        module.requires_grad_(False).eval()
-    return _Networks(decoder, regressors)
+        module.requires_grad_(False).eval().to(on)
+    return _Networks(decoder, regressors, on)
 
 
 def _rounded(value: np.ndarray) -> np.ndarray:

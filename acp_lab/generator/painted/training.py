@@ -26,6 +26,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ViewRegion
+from acp_lab.generator.device import Device, repeatable_convolutions, torch_device
 from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.painted.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
 from acp_lab.generator.painted.checkpoint import Checkpoint, load_checkpoint
@@ -72,8 +73,11 @@ def train_autoencoder(
     progress: Progress | None = None,
     checkpoint: Path | None = None,
     watch: Watch | None = None,
+    device: Device = "auto",
 ) -> TrainedRegion:
-    """Train one region's generator, in two threads; the same seed gives the same weights on any number of cores.
+    """Train one region's generator.
+
+    On the CPU in two threads; the same seed gives the same weights on any number of cores. A GPU's weights are its own.
 
     Threads can be begun only while the program's main thread is alive: call it from there, or wait for it there.
 
@@ -82,9 +86,10 @@ def train_autoencoder(
         progress: called with (epochs done, epochs in all), after the epoch was stored.
         checkpoint: file to store half-trained networks in and to resume from; it is left for the caller to remove.
         watch: shown what the networks paint after every epoch; it changes nothing in the result.
+        device: "auto" takes a GPU where there is one.
 
     Raises:
-        PreparationError: settings that do not fit together.
+        PreparationError: settings that do not fit together, or a device that is not there.
         PartError: the mesh has no edges.
         InputFileError: the checkpoint cannot be written.
     """
@@ -92,8 +97,9 @@ def train_autoencoder(
         "regressed": regressed_points,
         "mid-section": mid_section_points(part.box_min, part.box_max, region.axis),
     }
-    with one_thread(), two_threads() as workers:  # this thread's own share is small
-        training = _RegionTraining(part, caster, region, points, config, seed, checkpoint)
+    on = torch_device(device)
+    with one_thread(), repeatable_convolutions(), two_threads() as workers:  # this thread's own share is small
+        training = _RegionTraining(part, caster, region, points, config, seed, checkpoint, on)
         training.run(workers, progress, watch)
         return training.result()
 
@@ -119,13 +125,16 @@ class _RegionTraining:
         config: AutoencoderConfig,
         seed: int,
         checkpoint: Path | None,
+        device: torch.device,
     ) -> None:
+        self._device = device
         self._begin = time.perf_counter()
         self._region, self._path = region.index, checkpoint
-        marks = (_METHOD, config, seed, region.index, part.sha256, [points_obj[name].tolist() for name in POINT_SETS])
+        w_obj = [points_obj[name].tolist() for name in POINT_SETS]
+        marks = (_METHOD, config, seed, region.index, part.sha256, w_obj, device.type)
         self._belongs_to = hashlib.sha256(repr(marks).encode()).hexdigest()
         self._data = TrainingSet(part, caster, region, points_obj, config.images, config.batch, seed)
-        self._shape = replace(config.shape, size=config.images.size)
+        self._shape, self._frame = replace(config.shape, size=config.images.size), config.images.frame
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed * 100 + region.index)
             self.encoder, self.decoder = Encoder(self._shape), Decoder(self._shape)
@@ -134,6 +143,8 @@ class _RegionTraining:
             }
         for name, points in self._data.typical_points().items():
             self.regressors[name].standardise(points)
+        for module in self._modules().values():
+            module.to(device)
         self._stages = self._make_stages(config)
         self._reconstructions = torch.zeros(config.images.held_out, self._shape.size, self._shape.size)
         self._losses: list[float] = []
@@ -198,11 +209,11 @@ class _RegionTraining:
         """Data, loss and schedule of a stage."""
         stage, data = self._stages[number], self._data
         total = stage.epochs * data.batches_per_epoch
-        # Without images a step is over before two threads have begun.
-        shared = workers if stage.draws else None
+        # Without images a step is over before two threads have begun, and a GPU has threads of its own.
+        shared = workers if stage.draws and self._device.type == "cpu" else None
 
         def mean_loss(jittered: Sequence[Jittered]) -> Tensor:
-            return stage.loss(data.batch(jittered, stage.draws))
+            return stage.loss(data.batch(jittered, stage.draws).to(self._device))
 
         def gradient(jittered: list[Jittered]) -> LossGradient:
             return halves_gradient(jittered, mean_loss, steps.parameters, shared)
@@ -213,12 +224,12 @@ class _RegionTraining:
         return Training(stage.epochs, partial(data.batches, number), gradient, step)
 
     def _reconstruct(self) -> Tensor:
-        images = self._data.images(self._data.held_out())
+        images = torch.from_numpy(self._data.images(self._data.held_out())[:, None]).to(self._device)
         with torch.no_grad():
-            return torch.sigmoid(self.decoder(self.encoder(torch.from_numpy(images)[:, None])))[:, 0]
+            return torch.sigmoid(self.decoder(self.encoder(images)))[:, 0].cpu()
 
     def _watched(self, stage: int, epoch: int, done: int, total: int) -> WatchedEpoch:
-        batch = self._data.batch(self._data.held_out(GRID_ROWS), draws=True)
+        batch = self._data.batch(self._data.held_out(GRID_ROWS), draws=True).to(self._device)
         truth = batch.images
         with torch.no_grad():
             if stage == 0:
@@ -236,15 +247,15 @@ class _RegionTraining:
             done,
             total,
             self._losses[-1],
-            truth[:, 0].numpy(),
-            painted[:, 0].contiguous().numpy(),
+            truth[:, 0].cpu().numpy(),
+            painted[:, 0].contiguous().cpu().numpy(),
             *(part.item() for part in parts),
         )
 
     def result(self) -> TrainedRegion:
         """The stored form of the networks, judged as it will be used."""
         data = self._data
-        stored = RegionAutoencoder.of_networks(self._shape, self.decoder, self.regressors, data.points_obj)
+        stored = RegionAutoencoder.of_networks(self._shape, self.decoder, self.regressors, data.points_obj, self._frame)
         generator = AutoencoderGenerator({self._region: stored}, f"region {self._region}")
         held_out = data.held_out()
         truth, inputs = edges_of(held_out), data.control_points(held_out)

@@ -1,8 +1,9 @@
-"""What the edge image generator of one region is trained on: views, jittered cameras, drawn images, control points.
+"""What the edge image generator of one region is trained on: views, cameras, drawn images, control points.
 
-Every epoch draws each view once, by a freshly jittered camera. All random choices of an epoch come from (seed,
-region, stage, epoch), so that a training that is resumed from its checkpoint ends in the same numbers as one in one
-go.
+Every epoch shows each view once. Where the canonical frame stands at the pose itself, by the same camera, so that its
+image is drawn only once; where it stands at a prediction, by a freshly jittered one. All random choices of an epoch
+come from (seed, region, stage, epoch), so that a training that is resumed from its checkpoint ends in the same numbers
+as one in one go.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from acp_lab.geometry.arrays import Float32Array, FloatArray
 from acp_lab.geometry.homography import apply_homography
 
 Jittered = tuple[EdgeView, FloatArray]
-"""A view, and the homography (3, 3) from its canonical frame into that of a jittered camera."""
+"""A view, and the homography (3, 3) from its canonical frame into that of the camera, jittered or not."""
 
 # In place of a stage: random choices that belong to none.
 _FOR_WHITENING, _FOR_HELD_OUT = 8, 9
@@ -43,6 +44,10 @@ class Batch:
 
     images: Tensor
     points: Mapping[PointSet, Tensor]
+
+    def to(self, device: torch.device) -> Batch:
+        """The same on a device."""
+        return Batch(self.images.to(device), {name: points.to(device) for name, points in self.points.items()})
 
 
 class TrainingSet:
@@ -69,9 +74,11 @@ class TrainingSet:
         self._views, held_out = views[: config.views], views[config.views :]
         self.batches_per_epoch = math.ceil(len(self._views) / batch)
         self._held_out = self._jitter(held_out, self._rng(_FOR_HELD_OUT, 0))
+        # By the identity of a view, which lives as long as its set; filled where a view is always seen the same.
+        self._drawn: dict[int, Float32Array] = {}
 
     def batches(self, stage: int, epoch: int) -> Iterator[list[Jittered]]:
-        """The batches of an epoch (0-based): every view once, each by a jittered camera of its own."""
+        """The batches of an epoch (0-based): every view once, each by a camera of its own if cameras are jittered."""
         rng = self._rng(stage, epoch + 1)
         order = rng.permutation(len(self._views))
         for start in range(0, len(order), self._batch):
@@ -93,7 +100,13 @@ class TrainingSet:
 
     def images(self, jittered: Sequence[Jittered]) -> Float32Array:
         """(b, size, size) edge images of the views."""
-        return draw_views(*_apart(jittered), self._config.line_sigma_px)
+        if self._config.frame == "prediction":
+            return draw_views(*_apart(jittered), self._config.line_sigma_px)
+        new = [one for one in jittered if id(one[0]) not in self._drawn]
+        if new:
+            images = draw_views(*_apart(new), self._config.line_sigma_px)
+            self._drawn.update({id(view): image for (view, _), image in zip(new, images, strict=True)})
+        return np.stack([self._drawn[id(view)] for view, _ in jittered])
 
     def control_points(self, jittered: Sequence[Jittered]) -> dict[PointSet, Float32Array]:
         """(b, 8) by W: the control points that the jittered cameras see, canonical px."""
@@ -105,6 +118,8 @@ class TrainingSet:
         }
 
     def _jitter(self, views: list[EdgeView], rng: np.random.Generator) -> list[Jittered]:
+        if self._config.frame == "pose":
+            return [(view, np.eye(3)) for view in views]
         homographies = jitter_homographies([view.frame for view in views], self._config, rng)
         return list(zip(views, homographies, strict=True))
 

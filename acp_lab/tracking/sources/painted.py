@@ -1,7 +1,9 @@
 """Edges of the auto-encoder: an edge image E = t(I) painted in the canonical frame, and two ways to read points off it.
 
-The canonical frame is fixed for the frame by the predicted pose (see `control_points.canonical_frame`); I goes there by
-a homography, and what is read comes back by it.
+I goes into the canonical frame (see `control_points.canonical_frame`) by a homography, and what is read comes back by
+it. That frame stands where the network was trained for it to stand, which the prepared part says: at the pose of I,
+anew at every painting, and then what is painted is the rigid neighbour of I; or at the predicted pose, fixed within
+the frame.
 
     PaintedRidges    the points are where E has its ridges: the paper's t(I) as it is, with the network's errors of
                      about half a canonical pixel
@@ -12,7 +14,7 @@ a homography, and what is read comes back by it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -21,6 +23,7 @@ from acp_lab.cad.edges import EdgeSamples, facing
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges, VisibleSamples
+from acp_lab.generator.painted.edge_images import PaintingFrame
 from acp_lab.generator.painted.edge_points import RidgePoints, ridge, ridge_motion, sample_bilinear, threshold
 from acp_lab.generator.painted.image_generator import AutoencoderGenerator, PointSet
 from acp_lab.geometry.arrays import FloatArray
@@ -50,6 +53,8 @@ class PaintedRidges:
     Attributes:
         read: along ridges, or as bright pixels thinned, the paper's threshold.
         level: the least brightness of an edge point, in (0, 1).
+        frame: of painting, at the "pose" of I or at the "prediction"; a part whose auto-encoder was trained for the
+            other one is refused.
     """
 
     kind: ClassVar[str] = "painted-ridges"
@@ -57,13 +62,17 @@ class PaintedRidges:
     inset_outlines: ClassVar[bool] = False
     read: Literal["ridge", "threshold"] = "ridge"
     level: float = 0.05
+    frame: PaintingFrame = "pose"
 
     def __post_init__(self) -> None:
         _check_level(self.level)
 
     def open(self, model: PreparedPart, point_set: PointSet) -> RidgeSource:
-        """The source of a part; PreparationError when its auto-encoder is not prepared."""
-        return RidgeSource(model.autoencoder(), point_set, ridge if self.read == "ridge" else threshold, self.level)
+        """The source of a part; PreparationError when its auto-encoder is not prepared, or for the other frame."""
+        generator = model.autoencoder()
+        generator.check_frame(self.frame)
+        read = ridge if self.read == "ridge" else threshold
+        return RidgeSource(generator, point_set, read, self.level, self.frame)
 
 
 @dataclass(frozen=True)
@@ -95,13 +104,19 @@ def _check_level(level: float) -> None:
 
 
 class RidgeSource:
-    """Edge points are the ridges of the edge image, or its bright pixels thinned: the paper's t(I) as it is."""
+    """Edge points are the ridges of the edge image, or its bright pixels thinned: the paper's t(I) as it is.
+
+    With frame "prediction" the network is asked at any I as it is, beside the prior of the estimate's view.
+    """
 
     name = "autoencoder"
     knows_samples = False
     is_exact = False
 
-    def __init__(self, generator: AutoencoderGenerator, point_set: PointSet, read: Reader, level: float) -> None:
+    def __init__(
+        self, generator: AutoencoderGenerator, point_set: PointSet, read: Reader, level: float, frame: PaintingFrame
+    ) -> None:
+        self._frame = frame
         self.regions = generator.regions
         self.canonical_size = generator.size
         self._generator = generator
@@ -111,6 +126,7 @@ class RidgeSource:
 
     def generate(self, at: Estimate, count: int) -> GeneratedEdges:
         """The edges of an estimate."""
+        at = painting_estimate(at, self._frame)
         view = at.view
         image = self._generator.edge_image(_canonical(at), view.region, self._point_set)
         found = self._points(image, count)
@@ -125,7 +141,10 @@ class RidgeSource:
         return self.generate(at, len(edges))
 
     def flow(self, at: Estimate, edges: GeneratedEdges, by_differences: bool) -> FloatArray:
-        """(n, 2, 8), across the ridge only; NaN where lines fade or meet, which solvers leave out."""
+        """(n, 2, 8), across the ridge only; NaN where lines fade or meet, which solvers leave out.
+
+        For a frame at the prediction: one at the pose moves with I, and methods do not ask for that.
+        """
         view, canonical = at.view, _canonical(at)
         if by_differences:
             image, by_canonical = self._differences(canonical, view.region)
@@ -176,6 +195,7 @@ class SampleSource:
 
     def generate(self, at: Estimate, count: int) -> GeneratedEdges:
         """The edges of an estimate."""
+        at = painting_estimate(at, self._generator.frame)
         view, pose = at.view, at.cam_T_obj
         image = self._generator.edge_image(_canonical(at), view.region, self._point_set)
         turned = facing(self._edges, eye_position(pose))
@@ -199,13 +219,23 @@ class SampleSource:
         return rigid_flow(at, self._edges.points_obj[edges.sample_ids], by_differences)
 
 
+def painting_estimate(at: Estimate, frame: PaintingFrame) -> Estimate:
+    """The estimate that is painted, its view's prior where the canonical frame stands.
+
+    For a frame at the pose it is the rigid neighbour of `at`; GeometryError where its control points are degenerate.
+    """
+    if frame == "prediction":
+        return at
+    return replace(at.view, prior=at.cam_T_obj).at_pose(at.cam_T_obj)
+
+
 def view_to_canonical(view: View, points: FloatArray) -> FloatArray:
     """Points (n, 2) px of the image in the view's canonical frame."""
     return apply_homography(view.canonical_H_image, points)
 
 
 def _canonical(at: Estimate) -> FloatArray:
-    """(4, 2) I in the view's canonical frame."""
+    """(4, 2) I in its view's canonical frame."""
     return view_to_canonical(at.view, at.control_points)
 
 

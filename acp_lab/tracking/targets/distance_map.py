@@ -266,16 +266,18 @@ def _denoised(grey: ByteImage, denoise: Denoiser) -> ByteImage:
 
 def _maps_by_direction(grey: ByteImage, edges: BoolArray, config: EdgeMapConfig) -> Float32Array:
     smooth = cv2.GaussianBlur(grey, (0, 0), max(config.blur_px, 0.3))
-    angle = _angle(
-        cv2.Sobel(smooth, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),
-        cv2.Sobel(smooth, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE),
-    )
+    rows, columns = np.nonzero(edges)
+    dx, dy = (cv2.Sobel(smooth, cv2.CV_32F, *axis, borderType=cv2.BORDER_REPLICATE) for axis in ((1, 0), (0, 1)))
+    angle = _angle(dx[rows, columns], dy[rows, columns])
     bins = config.orientation_bins
     maps = []
     for layer in range(bins):
         off = np.abs((angle - layer * np.pi / bins + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
         # Each edge is in the two nearest bins: at a border between bins a small turn must not lose it.
-        maps.append(distance_map(edges & (off <= np.pi / bins)))
+        near = off <= np.pi / bins
+        of_layer = np.zeros_like(edges)
+        of_layer[rows[near], columns[near]] = True
+        maps.append(distance_map(of_layer))
     return np.stack(maps)
 
 

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 REGION = ALL_REGIONS[4]
 TINY = AutoencoderConfig(
-    images=EdgeImageConfig(size=32, views=16, held_out=3, shift_px=1.0),
+    images=EdgeImageConfig(size=32, frame="prediction", views=16, held_out=3, shift_px=1.0),
     shape=NetworkShape(latent=8, widths=(8, 8, 4), hidden=16),
     autoencoder_epochs=2,
     latent_epochs=1,
@@ -146,7 +146,7 @@ def test_what_comes_back(in_one_go: TrainedRegion, w_obj: FloatArray, part: Part
     assert sorted(back.tensors) == sorted(stored.tensors)
     assert {name.split(".")[0] for name in stored.tensors} == {"decoder", *POINT_SETS}
     with pytest.raises(ValueError, match="not an auto-encoder"):
-        RegionAutoencoder.from_arrays({**stored.arrays(), "sizes": stored.sizes + 1})
+        RegionAutoencoder.from_arrays({**stored.arrays(), "sizes": stored.sizes + 5})
 
 
 @pytest.mark.slow

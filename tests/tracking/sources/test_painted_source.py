@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from acp_lab.cad.edges import facing
 from acp_lab.cad.part import Part
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import PreparationError, TrackingError
+from acp_lab.generator.painted.autoencoder import Decoder
+from acp_lab.generator.painted.config import NetworkShape
+from acp_lab.generator.painted.edge_images import PaintingFrame
 from acp_lab.generator.painted.edge_points import ridge
-from acp_lab.generator.painted.image_generator import PointSet
+from acp_lab.generator.painted.image_generator import POINT_SETS, PointSet, RegionAutoencoder
+from acp_lab.generator.painted.latent_regressor import LatentRegressor
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 from acp_lab.geometry.pose import transform
-from acp_lab.prepared_part import PreparedPart
+from acp_lab.geometry.pose_step import move_pose
+from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.tracking.frame_view import View
 from acp_lab.tracking.sources.painted import (
     PaintedRidges,
@@ -20,9 +29,10 @@ from acp_lab.tracking.sources.painted import (
     SampleSource,
     view_to_canonical,
 )
-from tests.made_parts import looking_at
+from tests.made_parts import box, looking_at
+from tests.tracking.drawn_part import drawn_part
 from tests.tracking.lit_part import lit_part
-from tests.tracking.rendered import CAMERA
+from tests.tracking.rendered import CAMERA, prepared
 from tests.tracking.views import LeftHalf, PaintedLines, prior_of, view_at
 
 
@@ -33,7 +43,7 @@ def view(part: Part) -> View:
 
 @pytest.fixture
 def ridges() -> RidgeSource:
-    return RidgeSource(PaintedLines(), "regressed", ridge, 0.3)  # type: ignore[arg-type]
+    return RidgeSource(PaintedLines(), "regressed", ridge, 0.3, "prediction")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("by_differences", [False, True])
@@ -123,3 +133,52 @@ def test_a_missing_auto_encoder_names_the_command(model: PreparedPart, config: P
 def test_a_brightness_that_no_pixel_or_every_pixel_has_is_refused(kind: type, level: float) -> None:
     with pytest.raises(TrackingError, match=r"source\.level"):
         kind(level=level)
+
+
+def test_a_frame_at_the_pose_paints_the_rigid_neighbour(view: View, model: PreparedPart) -> None:
+    """Whatever was predicted, and wherever I is beside a rigid motion."""
+    drawn = drawn_part(model, (view.region,))
+    source = PaintedRidges(level=0.3).open(drawn, "regressed")
+    w_obj = drawn.control_points(view.region, "regressed")
+    at_truth = replace(view, points_obj=w_obj)
+    expected = source.generate(prior_of(at_truth), 10_000)
+    # Another prediction for the same pose.
+    off = move_pose(view.prior, view.part.box_centre, np.array([0.05, -0.04, 0.08, 3.0, -2.0, 9.0]))
+    elsewhere = replace(at_truth, prior=off)
+    found = source.generate(elsewhere.at_pose(view.prior), 10_000)
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-6)
+    pulled = elsewhere.at_points(prior_of(at_truth).control_points + np.array([[4.0, -3.0], [0, 2], [1, 1], [-2, 0]]))
+    rigid = source.generate(elsewhere.at_pose(pulled.cam_T_obj), 10_000)
+    np.testing.assert_allclose(source.generate(pulled, 10_000).points, rigid.points, atol=1e-6)
+
+
+def test_painted_ridges_in_the_frame_at_the_pose_lie_on_the_edges(model: PreparedPart) -> None:
+    """A perfect painter's ridges are the part's edges in the image, to a small part of a pixel."""
+    box_model = prepared(box((60.0, 40.0, 20.0)))
+    here = view_at(box_model.part, looking_at(box_model.part, np.array([0.3, 0.4, 1.0]), 330.0, 0.3))
+    drawn = drawn_part(box_model, (here.region,))
+    here = replace(here, points_obj=drawn.control_points(here.region, "regressed"))
+    found = PaintedRidges(level=0.3).open(drawn, "regressed").generate(prior_of(here), 10_000)
+    edges = drawn.edges
+    seen = edges.points_obj[facing(edges, eye_position(here.prior)).shows]
+    true = CAMERA.project(transform(here.prior, seen))
+    gaps = np.linalg.norm(found.points[:, None] - true[None], axis=2)
+    nearest = gaps.argmin(1)
+    off = np.abs(((found.points - true[nearest]) * found.normals).sum(1))
+    assert len(found) > 100
+    assert np.median(off) < 0.1
+
+
+@pytest.mark.parametrize(("trained", "wanted"), [("prediction", "pose"), ("pose", "prediction")])
+def test_an_auto_encoder_of_the_other_frame_names_the_command(
+    trained: PaintingFrame, wanted: PaintingFrame, model: PreparedPart
+) -> None:
+    """Such as one of an earlier version: all of those were trained for a frame at the prediction."""
+    shape = NetworkShape(size=32, latent=4, widths=(4, 4, 4), hidden=4)
+    networks = {name: LatentRegressor(shape) for name in POINT_SETS}
+    points_obj = {name: np.zeros((4, 3)) for name in POINT_SETS}
+    stored = RegionAutoencoder.of_networks(shape, Decoder(shape), networks, points_obj, trained)
+    painted = replace(model, autoencoders=Trained({4: RegionAutoencoder.from_arrays(stored.arrays())}))
+    with pytest.raises(PreparationError, match=rf"at the {trained}, .* --painting-frame {wanted}$"):
+        PaintedRidges(frame=wanted).open(painted, "regressed")
+    assert PaintedRidges(frame=trained).open(painted, "regressed").regions == (4,)

@@ -1,0 +1,205 @@
+"""From the paper's path as it is printed to `acp-paper`, one deviation at a time, and how well its generators paint.
+
+Every step is on the ridges of the painted edge image but "exact edges", which has the visibility network's in their
+place, in the same view regions. Steps before "frame at the pose" need auto-encoders of a frame at the prediction, of
+the same length of training. From truth, no resets, the first frame left out, one thread. The bias of a painting is
+that of the pose which fits it best at the true pose (`acp_lab.studies.painting_bias`).
+
+Example: python -m benchmarks.deviations path/to/dataset/test/000001... --parts out/parts --literal-parts out/literal
+(prepared before: acp-lab prepare MESH --out out/parts/DATASET, again with --generator autoencoder, and
+--generator autoencoder --painting-frame prediction with --out out/literal/DATASET)
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from acp_lab.commands import machine
+
+# Before NumPy is imported: its linear algebra reads the number of threads once.
+machine.limit_threads(1)
+
+import numpy as np  # noqa: E402
+
+if TYPE_CHECKING:
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences.bop import BopScene
+    from acp_lab.sequences.frame import Frame, UnreadableFrame
+    from acp_lab.sequences.protocol import Sequence
+    from acp_lab.tracking.method import Method
+
+LIMITS = {"@2": 0.02, "@5": 0.05, "@10": 0.10}
+LITERAL_STEPS = ("literal", "+ residual homography", "without frame at the pose")
+UNITS = {
+    "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter, mean over sequences",
+    "ms": "CPU ms per frame, median over sequences",
+}
+
+
+def steps() -> dict[str, Method]:
+    """The path, cumulative, then its end with one thing taken away or replaced."""
+    from acp_lab.tracking.method import METHODS
+    from acp_lab.tracking.sources.rigid import CadSamples
+
+    literal, paper = METHODS["acp-paper-literal"], METHODS["acp-paper"]
+    residual = replace(literal, variables=paper.variables)
+    at_pose = replace(residual, source=paper.source)
+    bins = replace(at_pose, targets=paper.targets)
+    found = {
+        "literal": literal,
+        "+ residual homography": residual,
+        "+ frame at the pose": at_pose,
+        "+ orientation bins": bins,
+        "+ annealed alpha": paper,
+        "without residual homography": replace(paper, variables=replace(paper.variables, residual="generated")),
+        "without frame at the pose": replace(paper, source=literal.source),
+        "without orientation bins": replace(paper, targets=literal.targets),
+        "exact edges": replace(paper, source=CadSamples("learned", inset_outlines=True)),
+    }
+    return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
+
+
+class DecodedScene:
+    """A scene whose frames are decoded once for all runs."""
+
+    def __init__(self, scene: BopScene) -> None:
+        self.scene = scene
+        self._frames = list(scene.frames())
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.scene, name)
+
+    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+        return islice(iter(self._frames), max_frames)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One step on one sequence: shares of frames below the limits, CPU ms per frame."""
+
+    sequence: str
+    step: str
+    shares: dict[str, float]
+    ms: float
+
+
+def track(decoded: DecodedScene, model: PreparedPart, step: str, method: Method) -> Run:
+    """One run."""
+    from acp_lab.evaluation import evaluate
+    from acp_lab.tracking.tracker import Tracker
+
+    tracker = Tracker(model, method)
+    begin = time.process_time()
+    run = tracker.run(cast("Sequence", decoded), decoded.first_pose)
+    ms = 1e3 * (time.process_time() - begin) / len(decoded.frame_ids)
+    errors = np.array(evaluate(run, decoded.scene).objects[0].errors.distance, float)
+    return Run(name_of(decoded.scene), step, {key: float((errors < limit).mean()) for key, limit in LIMITS.items()}, ms)
+
+
+def name_of(scene: BopScene) -> str:
+    """Such as "metal_public 1"."""
+    return f"{set_of(scene)} {scene.scene_id}"
+
+
+def set_of(scene: BopScene) -> str:
+    """The data set's name; the shipped sample's folder is called data."""
+    return "sample" if scene.dataset.name == "data" else scene.dataset.name
+
+
+def load(parts: Path, scene: BopScene) -> PreparedPart:
+    """The prepared part of a scene's first object."""
+    from acp_lab.prepared_part import PreparedPart
+
+    object_id = scene.object_ids[0]
+    return PreparedPart.load(parts / set_of(scene) / f"obj_{object_id:06d}", scene.dataset.part_path(object_id))
+
+
+def of_painted_regions(model: PreparedPart) -> PreparedPart:
+    """Exact edges in the regions of the auto-encoder only, so that both are compared in the same ones."""
+    from acp_lab.prepared_part import Trained
+
+    networks = Trained[Any, Any]()
+    for region in model.autoencoders.regions:
+        networks = networks.with_region(region, model.networks[region], model.networks.reports[region])
+    return replace(model, templates=None, networks=networks)
+
+
+def painting(decoded: DecodedScene, model: PreparedPart, every: int = 3) -> dict[str, float]:
+    """How well the part's generators paint: held-out views, and every third frame of a sequence."""
+    from acp_lab.errors import PreparationError
+    from acp_lab.studies.painting_bias import PaintingBench
+
+    bench, biases = PaintingBench(model), []
+    for frame in list(decoded.frames())[::every]:
+        pose = decoded.truth(frame.index, decoded.object_ids[0])
+        try:
+            biases.append(bench.bias(decoded.camera(frame.index), pose).add_share)
+        except PreparationError:  # a region that was not trained
+            continue
+    qualities = [report.generated for report in model.autoencoders.reports.values()]
+    return {
+        "there_px": float(np.mean([quality.generated_to_true_px for quality in qualities])),
+        "back_px": float(np.mean([quality.true_to_generated_px for quality in qualities])),
+        "f_score": float(np.mean([quality.f_score for quality in qualities])),
+        "bias_percent": 100.0 * float(np.median(biases)),
+    }
+
+
+def mean_rows(runs: list[Run]) -> dict[str, dict[str, float]]:
+    """Per step the mean over sequences."""
+    rows = {}
+    for step in dict.fromkeys(run.step for run in runs):
+        own = [run for run in runs if run.step == step]
+        shares = {key: float(np.mean([run.shares[key] for run in own])) for key in LIMITS}
+        rows[step] = shares | {"ms": float(np.median([run.ms for run in own]))}
+    return rows
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="+", type=Path, help="scene folders of BOP data sets")
+    parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
+    parser.add_argument("--literal-parts", type=Path, required=True, help="the same for a frame at the prediction")
+    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
+    options = parser.parse_args()
+    from acp_lab.sequences import open_sequence
+
+    runs, painted = list[Run](), {}
+    for folder in options.scenes:
+        decoded = DecodedScene(open_sequence(folder))
+        model, literal = load(options.parts, decoded.scene), load(options.literal_parts, decoded.scene)
+        for step, method in steps().items():
+            used = literal if step in LITERAL_STEPS else of_painted_regions(model) if step == "exact edges" else model
+            runs.append(track(decoded, used, step, method))
+            print(runs[-1], flush=True)
+        name = name_of(decoded.scene)
+        painted[name] = painting(decoded, model)
+        painted[f"{name}, at the prediction"] = painting(decoded, literal)
+        print(painted[name], flush=True)
+    rows = mean_rows(runs)
+    for step, row in rows.items():
+        print(f"| {step} | " + " | ".join(f"{value:.2f}" for value in row.values()) + " |")
+    if options.record:
+        from benchmarks.measured import record
+
+        data = ", ".join(dict.fromkeys(run.sequence for run in runs))
+        record("deviations", "acp-paper-literal to acp-paper, cumulative, from truth, no resets", UNITS, data, rows)
+        each = {f"{run.sequence}: {run.step}": run.shares for run in runs}
+        record("deviations.each", "the same, each sequence", {"@*": UNITS["@*"].split(",")[0]}, data, each)
+        unit = {
+            "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
+            "f_score": "at one canonical px, held-out views",
+            "bias_percent": "ADD of the pose fitted to what is painted at the true pose, % of the diameter, median",
+        }
+        record("painting", "the auto-encoders of the parts of these sequences", unit, data, painted)
+
+
+if __name__ == "__main__":
+    main()

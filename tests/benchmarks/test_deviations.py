@@ -1,0 +1,45 @@
+"""The path from literal to `acp-paper`: each step changes one part of the method, and the last one ends there."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import fields
+
+import numpy as np
+
+from acp_lab.prepared_part import PreparedPart, Trained
+from acp_lab.tracking.method import METHODS
+from benchmarks.deviations import Run, mean_rows, of_painted_regions, steps
+from tests.prepared_sample import sample_model
+
+
+def test_each_step_changes_one_part() -> None:
+    named = steps()
+    path = list(named.values())[:5]
+    assert path[0] == METHODS["acp-paper-literal"]
+    assert path[-1] == METHODS["acp-paper"]
+    parts = [item.name for item in fields(path[0]) if item.name not in ("name", "summary")]
+    changed = [
+        {name for name in parts if getattr(before, name) != getattr(after, name)}
+        for before, after in itertools.pairwise(path)
+    ]
+    assert changed == [{"variables"}, {"source"}, {"targets"}, {"schedule"}]
+
+
+def test_rows_are_means_over_sequences() -> None:
+    runs = [
+        Run(name, "literal", {"@2": share, "@5": share, "@10": 1.0}, ms)
+        for name, share, ms in (("a", 0.2, 30.0), ("b", 0.4, 40.0))
+    ]
+    row = mean_rows(runs)["literal"]
+    np.testing.assert_allclose([row["@2"], row["@5"], row["@10"], row["ms"]], [0.3, 0.3, 1.0, 35.0])
+
+
+def test_exact_edges_are_those_of_the_painted_regions() -> None:
+    model = sample_model()
+    networks = Trained({region: f"network {region}" for region in range(6)}, dict.fromkeys(range(6), "report"))
+    painted = Trained({4: "painter"}, {4: "report"})
+    values = {item.name: getattr(model, item.name) for item in fields(model)}
+    found = of_painted_regions(PreparedPart(**values | {"networks": networks, "autoencoders": painted}))
+    assert found.networks.regions == (4,)
+    assert found.templates is None
