@@ -42,7 +42,7 @@ def direction_colours(bins: IntArray, count: int) -> FloatArray:
     return 0.85 * colours
 
 
-def draw_directions(axes: Axes, edges: ByteImage) -> None:
+def draw_edge_directions(axes: Axes, edges: ByteImage) -> None:
     """Edges (bins, h, w), each pixel in the colour of its direction, on white; a key of strokes in a corner."""
     count, height, width = edges.shape
     layer, row, column = np.nonzero(edges)

@@ -12,7 +12,7 @@ from acp_lab.display.plots.finding import (
     FEATURE_NAMES,
     direction_colours,
     draw_contrast,
-    draw_directions,
+    draw_edge_directions,
     draw_evidence,
     draw_scores,
     draw_template,
@@ -41,7 +41,7 @@ def test_edges_are_drawn_where_they_are() -> None:
     edges = np.zeros((8, 30, 40), np.uint8)
     edges[3, 10, 12] = 1
     axes = Figure().subplots()
-    draw_directions(axes, edges)
+    draw_edge_directions(axes, edges)
     picture = np.asarray(axes.images[0].get_array())
     np.testing.assert_allclose(picture[10, 12], direction_colours(np.array([3]), 8)[0])
     assert (picture[0, 39] == 1.0).all()
