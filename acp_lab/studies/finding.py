@@ -19,6 +19,7 @@ from acp_lab.detection.detector import Detector, start_poses
 from acp_lab.detection.edge_maps import direction_bins, resized, without_specks
 from acp_lab.detection.pose_search import MAP_BINS, ROUNDS, DistanceMaps, Poses, distinct, search_round
 from acp_lab.detection.scan import Candidates, responses, scan
+from acp_lab.detection.work import finish
 from acp_lab.generator.base import project_samples
 from acp_lab.geometry.arrays import Float32Array, FloatArray, IntArray
 from acp_lab.geometry.pose import rotation_angle_deg, transform
@@ -119,7 +120,7 @@ class SpreadScores:
 
 def spread_scores(detector: Detector, seen: TemplateView, reach_px: float) -> SpreadScores:
     """Scan an image with one template whose edges reach `reach_px` far; see `SpreadScores`."""
-    response = responses(seen.image, replace(detector.config, spread_px=reach_px))
+    response = finish(responses(seen.image, replace(detector.config, spread_px=reach_px)))
     scores = template_scores(response, seen.offsets, seen.bins)
     column, row = np.rint(seen.centre).astype(int)
     around = scores[row - 2 : row + 3, column - 2 : column + 3]
@@ -197,11 +198,12 @@ def find_stages(finder: Finder, frame: Frame, cam_T_true: FloatArray, top: int =
     part, config = detector.part, detector.config
     image = without_specks(frame.image)
     maps = DistanceMaps(image, frame.camera, part.diameter, config)
-    scanned = scan(image, frame.camera, part.diameter, detector.templates, detector.groups, config)
+    scanned = finish(scan(image, frame.camera, part.diameter, detector.templates, detector.groups, config))
     poses = start_poses(scanned, detector.templates, detector.views, frame.camera)
     lists = [("scan", _matrices(poses, part))]
     for number, (how, most) in enumerate(zip(ROUNDS, (*config.kept, config.verified), strict=True), start=1):
-        poses = distinct(search_round(maps, detector.fine_views, poses, part.diameter, how), part.diameter, most)
+        poses = finish(search_round(maps, detector.fine_views, poses, part.diameter, how))
+        poses = finish(distinct(poses, part.diameter, most))
         lists.append((f"search, round {number}", _matrices(poses, part)))
     found = np.array([one.cam_T_obj for one in finder.find(frame, top)]).reshape(-1, 4, 4)
     lists.append(("judged and aligned", found))
