@@ -16,12 +16,13 @@ from acp_lab.cad.raycast import hit_map
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.detection.detector import Detector, start_poses
-from acp_lab.detection.edge_maps import direction_bins, resized, without_specks
+from acp_lab.detection.edge_maps import direction_bins, oriented_edges, resized, without_specks
 from acp_lab.detection.pose_search import MAP_BINS, ROUNDS, DistanceMaps, Poses, distinct, search_round
 from acp_lab.detection.scan import Candidates, responses, scan
+from acp_lab.detection.view_templates import SCAN_BINS
 from acp_lab.detection.work import finish
 from acp_lab.generator.base import project_samples
-from acp_lab.geometry.arrays import Float32Array, FloatArray, IntArray
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.sequences.frame import Frame
@@ -31,6 +32,11 @@ from acp_lab.tracking.find import Finder
 RIGHT = 0.1
 """Of the diameter: a pose nearer than this counts as right."""
 _BESIDE_PX = 3.0
+
+
+def edges_by_direction(frame: Frame) -> ByteImage:
+    """(SCAN_BINS, h, w): 1 where the detector sees an edge of each direction."""
+    return finish(oriented_edges(without_specks(frame.image), SCAN_BINS))
 
 
 def outline_contrast(truth: TrueEdges, frame: Frame, cam_T_obj: FloatArray) -> tuple[FloatArray, FloatArray]:

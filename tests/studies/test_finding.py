@@ -11,6 +11,7 @@ from acp_lab.geometry.pose import make_pose, so3_exp
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.finding import (
     Stage,
+    edges_by_direction,
     find_stages,
     nearest_in,
     outline_contrast,
@@ -34,6 +35,19 @@ def seen() -> tuple[Frame, np.ndarray]:
     frame = sample_scene().frame(0)
     assert isinstance(frame, Frame)
     return frame, sample_scene().first_pose
+
+
+def test_edges_are_sorted_by_their_directions() -> None:
+    frame, _ = seen()
+    image = np.full_like(frame.image, 40)
+    image[100:, 200:] = 200
+    edges = edges_by_direction(Frame(0, image, frame.camera))
+    assert edges.shape == (8, *image.shape[:2])
+    across, down = edges[0].nonzero(), edges[4].nonzero()
+    assert 99 <= across[0].min() <= across[0].max() <= 101
+    assert 199 <= down[1].min() <= down[1].max() <= 201
+    assert len(across[0]) > 400
+    assert len(down[0]) > 380
 
 
 def test_contrast_is_that_of_the_part_against_its_ground() -> None:
