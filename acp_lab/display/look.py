@@ -44,6 +44,7 @@ def use_look() -> None:
     from cycler import cycler
 
     settings: Any = {
+        "figure.facecolor": "white",
         "savefig.facecolor": "none",
         "axes.facecolor": "none",
         "text.color": INK,
