@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from acp_lab.display.plots.diagnosis import explain
     from acp_lab.display.replay.recorder import Replay
     from acp_lab.display.replay.viewer import show
-    from acp_lab.display.widgets import PoseAligner
+    from acp_lab.display.widgets import PoseAligner, live
     from acp_lab.evaluation import evaluate
     from acp_lab.geometry.camera import Camera
     from acp_lab.preparation import prepare
@@ -55,6 +55,7 @@ __all__ = [
     "detect",
     "evaluate",
     "explain",
+    "live",
     "open_sequence",
     "prepare",
     "show",
@@ -76,6 +77,7 @@ _HOME = {
     "detect": "acp_lab.tracking.find",
     "evaluate": "acp_lab.evaluation",
     "explain": "acp_lab.display.plots.diagnosis",
+    "live": "acp_lab.display.widgets",
     "open_sequence": "acp_lab.sequences",
     "prepare": "acp_lab.preparation",
     "show": "acp_lab.display.replay.viewer",

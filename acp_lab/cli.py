@@ -193,7 +193,7 @@ def track(
     ] = None,
     video: Annotated[
         Path | None,
-        typer.Option(help="A video or a folder of images instead of a data set.", metavar="FILE|DIR"),
+        typer.Option(help="Instead of a data set: a video, a folder of images, or a camera, 0.", metavar="FILE|DIR|N"),
     ] = None,
     mesh: Annotated[Path | None, typer.Option(help="With --video: the part.", metavar="MESH")] = None,
     camera: Annotated[Path | None, typer.Option(help="With --video: the camera.", metavar="CAMERA.json")] = None,

@@ -61,4 +61,4 @@ def test_html_is_made_only_where_it_is_escaped() -> None:
         if isinstance(node, ast.Attribute | ast.Name)
         and (node.attr if isinstance(node, ast.Attribute) else node.id) in ("HTML", "HTMLMath", "Markdown")
     }
-    assert makers == {"display/widgets/pose_aligner.py"}
+    assert makers == {"display/widgets/live_window.py", "display/widgets/pose_aligner.py"}

@@ -27,12 +27,13 @@ def ray_shade(
     camera: Camera,
     cam_T_obj: FloatArray,
     background: tuple[int, int, int] = (44, 48, 54),
+    fine: int = FINE,
 ) -> ByteImage:
     """The part at cam_T_obj (4, 4) as the camera's pinhole part sees it: (h, w, 3) RGB.
 
-    Each pixel is the mean of four rays.
+    Each pixel is the mean of fine x fine rays, of four by default.
     """
-    _, face = hit_map(part, caster, _finer(camera), cam_T_obj)
+    _, face = hit_map(part, caster, _finer(camera, fine), cam_T_obj)
     hit = face >= 0
     # The last entry answers for the pixels that hit nothing, face -1.
     bright = np.append(_light_of_faces(part, cam_T_obj), 0.0).astype(np.float32)[face]
@@ -54,13 +55,13 @@ def _light_of_faces(part: Part, cam_T_obj: FloatArray) -> FloatArray:
     return lit
 
 
-def _finer(camera: Camera) -> Camera:
-    """The camera of an image with FINE times as many pixels each way; pixel centres stay whole numbers."""
+def _finer(camera: Camera, fine: int) -> Camera:
+    """The camera of an image with `fine` times as many pixels each way; pixel centres stay whole numbers."""
     return Camera(
-        camera.width * FINE,
-        camera.height * FINE,
-        camera.fx * FINE,
-        camera.fy * FINE,
-        (camera.cx + 0.5) * FINE - 0.5,
-        (camera.cy + 0.5) * FINE - 0.5,
+        camera.width * fine,
+        camera.height * fine,
+        camera.fx * fine,
+        camera.fy * fine,
+        (camera.cx + 0.5) * fine - 0.5,
+        (camera.cy + 0.5) * fine - 0.5,
     )

@@ -1,6 +1,6 @@
 """One look for all pictures of the course: what each colour means, and figures that read on any page.
 
-Figures carry their own white ground, so they are as legible in JupyterLab's dark theme as in its light one.
+Figures have no ground of their own and a grey ink that reads on white and on black: they follow the page's theme.
 Colours come from `acp_lab.display.colours`; the names below say what they stand for, here and in the widgets.
 """
 
@@ -27,6 +27,9 @@ WRONG: Colour = VERMILLION
 UNKNOWN: Colour = GREY
 """Nothing was found, or nothing is known."""
 
+INK: Colour = (0.463, 0.463, 0.463)
+"""Text, ticks and frames of figures: as far from white as from JupyterLab's dark ground."""
+
 _CSS = {"right": TRUTH, "hint": GENERATED}
 
 
@@ -42,8 +45,15 @@ def use_look() -> None:
 
     settings: Any = {
         "figure.facecolor": "white",
-        "savefig.facecolor": "white",
-        "axes.facecolor": "white",
+        "savefig.facecolor": "none",
+        "axes.facecolor": "none",
+        "text.color": INK,
+        "axes.edgecolor": INK,
+        "axes.labelcolor": INK,
+        "axes.titlecolor": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "grid.color": INK,
         "figure.dpi": 100.0,
         "figure.constrained_layout.use": True,
         "font.size": 9.0,
@@ -55,7 +65,25 @@ def use_look() -> None:
         "axes.prop_cycle": cycler(color=[POINTS, GENERATED, TRUTH, IMAGE, WRONG, START]),
         "legend.fontsize": 8.0,
         "legend.framealpha": 0.9,
+        "legend.facecolor": "white",
+        "legend.labelcolor": "black",
         "image.interpolation": "nearest",
         "image.cmap": "gray",
     }
     mpl.rcParams.update(settings)
+    _show_without_ground()
+
+
+def _show_without_ground() -> None:
+    """Tell the notebook's backend to draw figures without their ground.
+
+    Figures keep their white one as such: where it is transparent, IPython asks the page for a white one below them.
+    """
+    try:
+        from IPython import get_ipython
+        from matplotlib_inline.config import InlineBackend
+    except ImportError:  # no notebook
+        return
+    shell = get_ipython()
+    if shell is not None:
+        InlineBackend.instance(parent=shell).print_figure_kwargs = {"bbox_inches": "tight", "facecolor": "none"}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
-from acp_lab.display.look import GENERATED, POINTS, UNKNOWN, Colour
+from acp_lab.display.look import GENERATED, INK, POINTS, UNKNOWN, Colour
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import inverse, transform
@@ -64,7 +64,7 @@ def draw_camera(axes: Axes3D, camera: Camera, cam_T_obj: FloatArray, image_depth
     sides = [(eye_obj, corner) for corner in base_obj]
     rim = list(zip(base_obj, np.roll(base_obj, -1, axis=0), strict=True))
     draw_lines(axes, np.array(sides + rim), UNKNOWN, "", 0.8)
-    axes.plot(*eye_obj[:, None], "o", color="black", markersize=4.0, label="centre of the camera")
+    axes.plot(*eye_obj[:, None], "o", color=INK, markersize=4.0, label="centre of the camera")
     return np.vstack([eye_obj, base_obj])
 
 

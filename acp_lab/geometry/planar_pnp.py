@@ -29,6 +29,7 @@ _FLAT_OBJ = 1e-4
 _FLAT_PX = 1e-3
 """Three points closer to one line than this (share of the size; px) determine no pose."""
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-15)
+_NUDGE_PX = 1e-3 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.5], [0.0, 0.0]])
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,7 @@ def solve_planar_pnp(points_obj: FloatArray, points_image: FloatArray, camera: C
     points_plane = transform(inverse(obj_T_plane), w)
     points_plane[:, 2] = 0.0
 
-    matrix = camera.matrix
-    _, turns, shifts, _ = cv2.solvePnPGeneric(points_plane, i, matrix, None, flags=cv2.SOLVEPNP_IPPE)
-    refined = (_refine(points_plane, i, camera, *start) for start in zip(turns, shifts, strict=True))
+    refined = (_refine(points_plane, i, camera, *start) for start in _ippe(points_plane, i, camera.matrix))
     # A refinement that ends behind the camera (NaN) is no pose; the other solution then counts twice.
     solutions = sorted((s for s in refined if np.isfinite(s[0])), key=lambda s: s[0])
     if not solutions:
@@ -82,6 +81,19 @@ def solve_planar_pnp(points_obj: FloatArray, points_image: FloatArray, camera: C
         poses=np.stack([cam_T_plane @ plane_T_obj for _, cam_T_plane in both]),
         reprojection_px=np.array([error for error, _ in both]),
     )
+
+
+def _ippe(points_plane: FloatArray, points_image: FloatArray, matrix: FloatArray) -> list[tuple[Any, Any]]:
+    """cv2's two solutions, as (rotation vector, shift).
+
+    Of a quad that lies exactly symmetric in the image cv2 makes NaN at some tilts; a thousandth of a px helps, and the
+    refinement goes back to the points themselves.
+    """
+    for points in (points_image, points_image + _NUDGE_PX):
+        _, turns, shifts, _ = cv2.solvePnPGeneric(points_plane, points, matrix, None, flags=cv2.SOLVEPNP_IPPE)
+        if np.isfinite(turns).all() and np.isfinite(shifts).all():
+            break
+    return list(zip(turns, shifts, strict=True))
 
 
 def _refine(

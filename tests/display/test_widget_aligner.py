@@ -9,7 +9,7 @@ import pytest
 import traitlets
 
 from acp_lab.control_points.view_regions import REGION_NAMES
-from acp_lab.display.widgets.pose_aligner import CLICK, PoseAligner
+from acp_lab.display.widgets.pose_aligner import CLICK, DRAG, PoseAligner
 from acp_lab.errors import InputFileError
 from acp_lab.evaluation import add_mm
 from acp_lab.geometry.pose import rotation_angle_deg, transform
@@ -28,7 +28,9 @@ def first_frame() -> Frame:
 
 @pytest.fixture
 def aligner() -> PoseAligner:
-    return PoseAligner(sample_model(), first_frame())
+    made = PoseAligner(sample_model(), first_frame())
+    made.mode.value = DRAG
+    return made
 
 
 def add_percent(pose: np.ndarray) -> float:
@@ -195,6 +197,112 @@ def test_corners_clicked_on_model_and_image_give_the_pose(aligner: PoseAligner) 
     assert aligner.pairs.count == len(rows) - 1
     aligner.pairs.clear()
     assert aligner.pairs.count == len(aligner.picture.points) == 0
+
+
+def click_corners(aligner: PoseAligner, count: int) -> np.ndarray:
+    """Clicks the places of corners as the truth has them, exactly; the pixels (n, 2)."""
+    truth, chooser = sample_scene().first_pose, aligner.chooser
+    chooser.look(truth[:3, :3])
+    rows = chooser.seen_corners()[:: max(1, len(chooser.seen_corners()) // count)][:count]
+    pixels = first_frame().camera.project(transform(truth, chooser.corners_obj[rows]))
+    for row, pixel in zip(rows, pixels, strict=True):
+        aligner.pairs.choose(int(row))
+        aligner.pairs.place(pixel)
+    return pixels
+
+
+def test_clicking_corners_comes_first() -> None:
+    aligner = PoseAligner(sample_model(), first_frame())
+    assert aligner.mode.value == CLICK == aligner.mode.options[0]
+    assert "drag to turn" in aligner.chooser.status
+
+
+def test_each_corner_tells_how_far_off_it_is(aligner: PoseAligner) -> None:
+    pixels = click_corners(aligner, 6)
+    assert [label.split(":")[0] for label in aligner.picture.labels] == list("123456")
+    assert max(float(label.split()[1]) for label in aligner.picture.labels) < 0.1
+    drag(aligner.picture, 2, pixels[2] + (20.0, 0.0))
+    off = [float(label.split()[1]) for label in aligner.picture.labels]
+    assert int(np.argmax(off)) == 2
+    assert off[2] > 4.0
+    assert f"most at corner 3: {off[2]:.1f} px" in aligner.message.value
+    while aligner.pairs.count > 3:
+        aligner.picture.undo()
+    assert aligner.picture.labels == ()
+
+
+def test_the_model_turns_below_the_hand_and_its_axes_with_it(aligner: PoseAligner) -> None:
+    """The side that faces the eye goes where the hand goes; buttons stay with the camera's axes."""
+    chooser = aligner.chooser
+    before, axes = chooser.pose, chooser.overlays[0].coordinates
+    assert chooser.orbits
+    chooser.dragging = True
+    for step in ((10.0, 0.0), (30.0, 0.0), (30.0, 12.0)):
+        chooser.orbit = step
+    chooser.dragging = False
+    front_obj = sample_model().part.box_centre - 20.0 * before[2, :3]
+    moved = chooser.camera.project(transform(chooser.pose, front_obj)[None])
+    was = chooser.camera.project(transform(before, front_obj)[None])
+    assert (moved - was)[0, 0] > 2.0
+    assert (moved - was)[0, 1] > 0.5
+    turned_deg = rotation_angle_deg(before[:3, :3], chooser.pose[:3, :3])
+    assert abs(turned_deg - np.degrees(np.hypot(30.0, 12.0) / 158.4)) < 1.0
+    assert {overlay.label for overlay in chooser.overlays[:2]} == {"object axes"}
+    assert np.abs(chooser.overlays[0].coordinates[:1] - axes[:1]).max() > 1.0
+
+
+def test_dragging_the_model_beside_the_points_turns_the_part(aligner: PoseAligner) -> None:
+    before, history = aligner.cam_T_obj, len(aligner.editor._history)
+    aligner.cad_view.dragging = True
+    for step in range(5):
+        aligner.cad_view.orbit = (4.0 * step, 2.0 * step)
+    aligner.cad_view.dragging = False
+    assert rotation_angle_deg(before[:3, :3], aligner.cam_T_obj[:3, :3]) > 4.0
+    np.testing.assert_allclose(aligner.cad_view.pose[:3, :3], aligner.cam_T_obj[:3, :3], atol=1e-9)
+    assert len(aligner.editor._history) == history + 1, "one drag is one step to undo"
+
+
+def test_what_was_turned_stays_turned_when_the_mode_changes(tmp_path: Path) -> None:
+    aligner = PoseAligner(sample_model(), first_frame())
+    aligner.chooser.turn((0.0, 40.0, 0.0))
+    seen = aligner.chooser.pose[:3, :3]
+    aligner.mode.value = DRAG
+    np.testing.assert_allclose(aligner.cam_T_obj[:3, :3], seen)
+    aligner.turn((0.0, 0.0, 30.0))
+    aligner.mode.value = CLICK
+    np.testing.assert_allclose(aligner.chooser.pose[:3, :3], aligner.cam_T_obj[:3, :3])
+    # A pose that somebody made is not turned by looking at the model from elsewhere.
+    made = aligner.cam_T_obj
+    aligner.chooser.turn((30.0, 0.0, 0.0))
+    looked = aligner.chooser.pose
+    aligner.mode.value = DRAG
+    aligner.mode.value = CLICK
+    assert aligner.cam_T_obj is made
+    np.testing.assert_array_equal(aligner.chooser.pose, looked)
+
+
+def test_find_it_for_me_shows_hypotheses_and_takes_the_one_that_is_clicked(aligner: PoseAligner) -> None:
+    before = aligner.cam_T_obj
+    found = aligner.finder.find()
+    assert found[0].is_accepted
+    assert "<b>found</b>" in aligner.message.value
+    assert len(aligner.finder.children) == len(found)
+    assert aligner.cam_T_obj is before, "nothing is taken before it is chosen"
+    canvas, choose = aligner.finder.children[0].children
+    assert choose.description.startswith(f"1: score {found[0].score:.2f}")
+    canvas._handle_custom_msg({"kind": "click", "x": 5.0, "y": 5.0}, [])
+    assert add_percent(aligner.cam_T_obj) < 3.0
+    np.testing.assert_allclose(aligner.editor.points, aligner.points_at(aligner.cam_T_obj))
+    strokes = canvas.overlays[0].coordinates.reshape(-1, 2)
+    assert ((strokes > 0.0) & (strokes < canvas.image_size)).all()
+    # Distances between which it is not, and none at all.
+    aligner.finder.nearest_mm.value, aligner.finder.farthest_mm.value = 5000.0, 6000.0
+    assert aligner.finder.find() == ()
+    assert aligner.finder.children == ()
+    assert "nothing here" in aligner.message.value
+    aligner.finder.nearest_mm.value = 7000.0
+    assert aligner.finder.find() == ()
+    assert "0 &lt; nearest" in aligner.message.value
 
 
 def test_snapping_where_nothing_is_says_so(aligner: PoseAligner) -> None:

@@ -213,3 +213,16 @@ def test_any_image_points_give_finite_poses_or_a_geometry_error(numbers: list[fl
     for pose in found.poses:
         assert transform(pose, W)[:, 2].min() > 0.0
         np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-9)
+
+
+@pytest.mark.parametrize("tilt_deg", np.linspace(-60.0, 60.0, 49).tolist())
+def test_a_quad_that_lies_symmetric_in_the_image_has_a_pose(tilt_deg: float) -> None:
+    """A square turned about the vertical in the middle of the image: at -25 and 20 degrees cv2's IPPE says NaN."""
+    camera = Camera(320, 240, 400.0, 400.0, 159.5, 119.5)
+    square = np.array([[-20.0, -20.0, 0.0], [-20.0, 20.0, 0.0], [20.0, 20.0, 0.0], [20.0, -20.0, 0.0]])
+    for axis in (0, 1):
+        turn = np.zeros(3)
+        turn[axis] = np.radians(tilt_deg)
+        pose = make_pose(so3_exp(turn), np.array([0.0, 0.0, 300.0]))
+        found = solve_planar_pnp(square, camera.project(transform(pose, square)), camera)
+        np.testing.assert_allclose(found.nearest(pose), pose, atol=2e-3)

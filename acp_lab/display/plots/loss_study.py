@@ -101,7 +101,7 @@ def draw_erased(axes: Axes, study: LossStudy) -> None:
     axes.legend(bbox_to_anchor=(1.0, 1.0), loc="upper left")
 
 
-def draw_found(axes: Axes, studies: Mapping[str, LossStudy]) -> None:
+def draw_found_shares(axes: Axes, studies: Mapping[str, LossStudy]) -> None:
     """The share of descents that found the pose, a group of bars per choice, a colour per study."""
     count = len(studies)
     for order, (name, study) in enumerate(studies.items()):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _LIMIT_PERCENT = 2.0
 
 
-def draw_view(axes: Sequence[Axes], study: SensitivityStudy, view: int, what: str) -> None:
+def draw_view_tables(axes: Sequence[Axes], study: SensitivityStudy, view: int, what: str) -> None:
     """Five tables of one view: the true change of the pose and what three sets make of it, the same for the points.
 
     what: "gradients" or "steps". Order: true pose, raw pose, balanced pose, true points, points by homography.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from acp_lab.display.colours import BLUE, GREEN, GREY, ORANGE, PURPLE
+from acp_lab.display.look import INK
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.studies.sensitivity import ALONE, POSE_NAMES, Behaviour, SensitivityStudy
 
@@ -99,7 +100,7 @@ def _boxes(axes: Axes, groups: list[FloatArray], places: range, colours: Any) ->
         box.set_facecolor((*colour, 0.5))
         box.set_edgecolor(colour)
     for median in drawn["medians"]:
-        median.set_color("black")
+        median.set_color(INK)
 
 
 def _name_sets(axes: Axes, study: SensitivityStudy) -> None:

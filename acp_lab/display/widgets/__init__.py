@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from acp_lab.display.widgets.control_point_editor import ControlPointEditor
     from acp_lab.display.widgets.curve_plot import Curve, CurvePlot
     from acp_lab.display.widgets.live_training import LiveTraining, ProgressBar
+    from acp_lab.display.widgets.live_window import LiveWindow, live
     from acp_lab.display.widgets.loss_landscape import LossLandscape
     from acp_lab.display.widgets.manipulation_explorer import ManipulationExplorer
     from acp_lab.display.widgets.overlay import Overlay
@@ -28,6 +29,7 @@ __all__ = [
     "Curve",
     "CurvePlot",
     "LiveTraining",
+    "LiveWindow",
     "LossLandscape",
     "ManipulationExplorer",
     "Overlay",
@@ -35,6 +37,7 @@ __all__ = [
     "PoseAligner",
     "ProgressBar",
     "TrackPlayer",
+    "live",
 ]
 
 _HOME = {
@@ -42,6 +45,7 @@ _HOME = {
     "Curve": "curve_plot",
     "CurvePlot": "curve_plot",
     "LiveTraining": "live_training",
+    "LiveWindow": "live_window",
     "LossLandscape": "loss_landscape",
     "ManipulationExplorer": "manipulation_explorer",
     "Overlay": "overlay",
@@ -49,6 +53,7 @@ _HOME = {
     "PoseAligner": "pose_aligner",
     "ProgressBar": "live_training",
     "TrackPlayer": "track_player",
+    "live": "live_window",
 }
 
 

@@ -62,8 +62,13 @@ class CornerPairs:
         self.show()
 
     def solve(self, camera: Camera) -> PointPnP:
-        """The pose by PnP of all pairs; GeometryError for fewer than four and for pairs that give none."""
-        return solve_point_pnp(self.view.corners_obj[self._corners], self.picture.points, camera)
+        """The pose by PnP of all pairs, each then labelled by how far it is from where that pose has its corner.
+
+        Raises GeometryError for fewer than four pairs and for pairs that give no pose.
+        """
+        found = solve_point_pnp(self.view.corners_obj[self._corners], self.picture.points, camera)
+        self.picture.labels = tuple(f"{n}: {px:.1f} px" for n, px in enumerate(found.reprojection_px, start=1))
+        return found
 
     def show(self) -> None:
         """Bring points, dots and the next thing to do up to date."""
@@ -75,10 +80,12 @@ class CornerPairs:
         dots = view.project(view.corners_obj[view.seen_corners()])
         view.draw([Overlay("dots", dots, GENERATED, "corners to choose from", 7.0)])
         missing = max(LEAST_POINTS - self.count, 0)
+        if missing:
+            self.picture.labels = ()  # numbers alone: fewer pairs than four have no residuals
         if waiting is not None:
             view.status, self.picture.status = "", "now click where the marked corner is in the picture"
         elif missing:
-            view.status, self.picture.status = f"click a corner, {missing} more needed", ""
+            view.status, self.picture.status = f"click a corner (drag to turn the model), {missing} more needed", ""
         else:
             view.status, self.picture.status = "more corners make the pose surer", ""
 

@@ -89,7 +89,9 @@ class PointCanvas(anywidget.AnyWidget):
     points: (n, 2); settled: (n, 2); dragging: bool. view: (x, y, width, height) px of the image to begin with,
     () for all of it. labels: of the points, "1", "2", ... by default. active: the point that is marked, -1 for
     none. closed: whether a polygon joins them. problem: one line that turns the polygon red, "" for none.
-    clickable: whether a click beside the points is told to `on_click`. height_px: the most it takes of the page.
+    clickable: whether a click beside the points is told to `on_click`. orbits: whether a hand that drags the ground
+    turns something instead of moving the view; orbit: how far it did so in all, (x, y) px of the image, `dragging`
+    meanwhile. height_px: the most it takes of the page.
     axes: two `Axis`, x and y, for a picture that is a map; () for one that is a picture.
     """
 
@@ -105,6 +107,8 @@ class PointCanvas(anywidget.AnyWidget):
     closed = traitlets.Bool(False).tag(sync=True)
     editable = traitlets.Bool(False).tag(sync=True)
     clickable = traitlets.Bool(False).tag(sync=True)
+    orbits = traitlets.Bool(False).tag(sync=True)
+    orbit = traitlets.Tuple(traitlets.Float(), traitlets.Float(), default_value=(0.0, 0.0)).tag(sync=True)
     dragging = traitlets.Bool(False).tag(sync=True)
     problem = traitlets.Unicode("").tag(sync=True)
     title = traitlets.Unicode("").tag(sync=True)

@@ -1,7 +1,7 @@
-"""The start pose by hand: drag four control points, or click corners, until the generated edges sit on the part.
+"""The start pose by hand: click corners, or drag four control points, until the generated edges sit on the part.
 
-For the first frame of somebody's own video. "Snap" lets the tracker's optimiser finish what the hand began; the
-result is the POSE.json that `acp-lab track --init` reads.
+For the first frame of somebody's own video. "Find it for me" shows where the detector believes it to be; "snap"
+lets the tracker's optimiser finish what the hand began. The result is the POSE.json that `acp-lab track --init` reads.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from acp_lab.display.widgets.cad_view import CadView
 from acp_lab.display.widgets.control_point_editor import ControlPointEditor
 from acp_lab.display.widgets.controls import Turn, button, motion_buttons, row, side_by_side
 from acp_lab.display.widgets.corner_pairs import CornerPairs
+from acp_lab.display.widgets.find_panel import FindPanel
+from acp_lab.display.widgets.first_guess import pose_in_the_middle, rotation_seeing
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, edge_strokes, residual_strokes
 from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.errors import AcpLabError, GeometryError
@@ -34,6 +36,7 @@ from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.json_file import read_pose, write_pose
+from acp_lab.tracking.find import Detection
 from acp_lab.tracking.snap import SnapResult, snap
 
 TURN_DEG = 15.0
@@ -41,17 +44,18 @@ DEPTH_STEP = 0.1
 LIGHT_SAMPLES = 700
 """Edge points drawn while something is dragged."""
 HINT = "drag the points, or the area between them, until the edges sit on the part"
-DRAG, CLICK = "drag four points", "click corners"
+CLICK, DRAG = "click corners", "drag four points"
 
 
 class PoseAligner(ipywidgets.VBox):
     """Finds cam_T_obj in one frame by hand and snap.
 
     cam_T_obj: (4, 4) mm, the present pose; observe it, or assign it, and the points follow. snapped: the last
-    `SnapResult`, None once the pose was moved on; pose_before: (4, 4) from which it was found. editor: the frame
-    with the four control points; region: 0..5, whose points they are; cad_view: the CAD model; pairs: the second
-    mode's corners. All buttons are methods: `snap`, `save`, `turn`, `see_from`, `take_other_pose`, `solve_corners`.
-    `load` goes on with the pose of an earlier day.
+    `SnapResult`, None once the pose was moved on; pose_before: (4, 4) from which it was found. mode: whose value is
+    CLICK or DRAG. chooser, picture, pairs: the CAD model, the frame and the corners clicked on both. editor: the frame
+    with the four control points; region: 0..5, whose points they are; cad_view: the CAD model beside it. finder:
+    the detector's hypotheses, `finder.find()`. All buttons are methods: `snap`, `save`, `turn`, `see_from`,
+    `take_other_pose`, `solve_corners`. `load` goes on with the pose of an earlier day.
     """
 
     cam_T_obj = traitlets.Any()
@@ -63,29 +67,35 @@ class PoseAligner(ipywidgets.VBox):
         """cam_T_obj: (4, 4) to begin with; by default the part is put into the middle of the image."""
         self.model, self.frame = model, frame
         self._generator = model.best_generator()
-        pose = _in_the_middle(model, frame) if cam_T_obj is None else np.array(cam_T_obj, np.float64)
+        pose = pose_in_the_middle(model, frame) if cam_T_obj is None else np.array(cam_T_obj, np.float64)
         self.region = self._region_of(pose)
         self._is_linking = False  # pose and points are being brought together; neither answers the other
         self.editor = ControlPointEditor(frame.image, self.points_at(pose), title="frame", status=HINT, height_px=560)
         self.picture = PointCanvas(frame.image, title="frame", height_px=560, editable=True)
         self.cad_view = CadView(model.part, pose[:3, :3], title="CAD model")
         self.chooser = CadView(model.part, pose[:3, :3], title="CAD model")
+        self.cad_view.on_orbit = self.turn
         self.pairs = CornerPairs(self.chooser, self.picture)
-        self.mode = ipywidgets.ToggleButtons(options=[DRAG, CLICK])
+        self.finder = FindPanel(model, frame, self._take_found, self._tell)
+        self.mode = ipywidgets.ToggleButtons(options=[CLICK, DRAG])
         self.mode.style.button_width = "auto"
         self.path = ipywidgets.Text("POSE.json", layout=ipywidgets.Layout(flex="1 1 260px", width="auto"))
         # A line of its own, there from the beginning: words that come must not move the picture below the pointer.
         self.message = ipywidgets.HTML(layout=ipywidgets.Layout(min_height="28px", margin="0"))
         self._left, self._right = ipywidgets.VBox(), ipywidgets.VBox()
-        self._by_mode = {DRAG: self._drag_page(), CLICK: self._click_page()}
+        self._by_mode = {CLICK: self._click_page(), DRAG: self._drag_page()}
         save = [self.path, button("save", "write the pose as POSE.json", self._save_as_told)]
         self._snap_button = button("snap", "let the optimiser find the edges", self.snap, "primary")
-        top = row([self.mode, self._snap_button, *save], gap="4px 12px")
+        top = row([self.mode, self._snap_button, *save, self.finder.controls], gap="4px 12px")
         columns = side_by_side((self._left, "3 1 420px"), (self._right, "2 1 300px"))
-        super().__init__([top, self.message, columns], cam_T_obj=pose)
+        super().__init__([top, self.message, self.finder, columns], cam_T_obj=pose)
+        self._untouched = self.cam_T_obj if cam_T_obj is None else None
+        self._pose_of_page = self.cam_T_obj
         self.mode.observe(lambda _: self._turn_page(), "value")
         self.editor.observe(self._follow, "points")
         self.editor.observe(lambda _: self._draw(), "settled")
+        # While the model is turned, the points that go with it are held by the same hand.
+        self.cad_view.observe(lambda change: self.editor.set_trait("dragging", change.new), "dragging")
         self.picture.observe(lambda _: self._follow_corners(), "settled")
         self.observe(self._pose_changed, "cam_T_obj")
         self._turn_page()
@@ -129,6 +139,7 @@ class PoseAligner(ipywidgets.VBox):
             return False
         self.cam_T_obj = read_pose(path)
         self._saved = self.cam_T_obj
+        self.chooser.look(self.cam_T_obj[:3, :3])
         return True
 
     def save(self, path: str | Path) -> None:
@@ -153,9 +164,7 @@ class PoseAligner(ipywidgets.VBox):
 
     def see_from(self, region: int) -> None:
         """Show the face 0..5 = +x, -x, ... of the part's box, a little from the side, where the part is now."""
-        centre_obj = self.model.part.box_centre
-        rotation = _rotation_seeing(region)
-        self.cam_T_obj = make_pose(rotation, centre_position(self.cam_T_obj, centre_obj) - rotation @ centre_obj)
+        self._turn_to(rotation_seeing(region))
 
     def take_other_pose(self) -> None:
         """Change to the second of the two poses that four coplanar points leave, if there is one."""
@@ -173,7 +182,11 @@ class PoseAligner(ipywidgets.VBox):
             self._tell(str(error))
             return
         self.cam_T_obj = found.cam_T_obj
-        self._tell(f"{self.pairs.count} corners, {found.rms_px:.1f} px off (rms)")
+        worst = int(found.reprojection_px.argmax())
+        self._tell(
+            f"{self.pairs.count} corners, {found.rms_px:.1f} px off (rms), "
+            f"most at corner {worst + 1}: {found.reprojection_px[worst]:.1f} px"
+        )
 
     def points_at(self, pose: FloatArray) -> FloatArray:
         """Where a pose (4, 4) has the control points in use, (4, 2) px."""
@@ -192,6 +205,16 @@ class PoseAligner(ipywidgets.VBox):
     def _follow_corners(self) -> None:
         if self.pairs.count >= 4:
             self.solve_corners()
+
+    def _take_found(self, detection: Detection) -> None:
+        self.cam_T_obj = detection.cam_T_obj
+        self.chooser.look(self.cam_T_obj[:3, :3])
+        self._tell("taken: look whether the edges sit, then snap")
+
+    def _turn_to(self, rotation: FloatArray) -> None:
+        """Turn the part about its centre to a rotation (3, 3), object to camera axes."""
+        centre_obj = self.model.part.box_centre
+        self.cam_T_obj = make_pose(rotation, centre_position(self.cam_T_obj, centre_obj) - rotation @ centre_obj)
 
     def _follow_with(self, pose: FloatArray) -> None:
         """Take a pose that comes from the points."""
@@ -268,9 +291,20 @@ class PoseAligner(ipywidgets.VBox):
     def _click_page(self) -> tuple[list[ipywidgets.Widget], list[ipywidgets.Widget]]:
         turns = motion_buttons(self.chooser.turn, lambda _: None, TURN_DEG, DEPTH_STEP)[:6]
         clear = button("clear", "forget all corners", self.pairs.clear)
-        return [self.picture], [self.chooser, row([*turns, clear])]
+        faces = [
+            button(name, f"look at the face {name}", _calling(lambda k: self.chooser.look(rotation_seeing(k)), region))
+            for region, name in enumerate(REGION_NAMES)
+        ]
+        return [self.picture], [self.chooser, row([*turns, clear]), row([ipywidgets.Label("seen from"), *faces])]
 
     def _turn_page(self) -> None:
+        """Change the mode; what was turned in the one is seen as turned in the other."""
+        if self.mode.value == DRAG and self.cam_T_obj is self._untouched:
+            self._turn_to(self.chooser.pose[:3, :3])
+            self._untouched = self.cam_T_obj
+        elif self.mode.value == CLICK and self.cam_T_obj is not self._pose_of_page:
+            self.chooser.look(self.cam_T_obj[:3, :3])
+        self._pose_of_page = self.cam_T_obj
         left, right = self._by_mode[self.mode.value]
         self._left.children, self._right.children = left, right
         self._draw()
@@ -283,7 +317,7 @@ class PoseAligner(ipywidgets.VBox):
         else:
             count = LIGHT_SAMPLES if canvas.dragging else len(self.model.edges)
             canvas.draw([edge_strokes(self._edges(count), GENERATED, "generated edges", 1.5)])
-        if not canvas.dragging and self.mode.value == DRAG:
+        if self.mode.value == DRAG and (not canvas.dragging or self.cad_view.dragging):
             self.cad_view.look(self.cam_T_obj[:3, :3])
             self.cad_view.closed = True
             self.cad_view.points = self.cad_view.project(self._points_obj())
@@ -318,29 +352,6 @@ def _holds(path: Path, pose: FloatArray) -> bool:
         return bool(np.array_equal(read_pose(path), pose))
     except AcpLabError:
         return False
-
-
-def _in_the_middle(model: PreparedPart, frame: Frame) -> FloatArray:
-    """The part's +z side in the middle of the image, half as large as it."""
-    camera, part = frame.camera, model.part
-    middle = np.array([[0.5 * (camera.width - 1), 0.5 * (camera.height - 1)]])
-    distance = camera.fx * part.radius / (0.25 * min(camera.width, camera.height))
-    rotation = _rotation_seeing(4)
-    return make_pose(rotation, distance * camera.rays(middle)[0] - rotation @ part.box_centre)
-
-
-def _rotation_seeing(region: int) -> FloatArray:
-    """(3, 3) object to camera axes: looks at a face of the box, 25 degrees from the side and above."""
-    view = ALL_REGIONS[region]
-    outward = np.zeros(3)
-    outward[view.axis] = view.sign
-    side = np.cross(view.up_obj, outward)
-    to_eye = outward + np.tan(np.radians(25.0)) * 0.7 * (side + view.up_obj)
-    z_axis = -to_eye / np.linalg.norm(to_eye)
-    x_axis = np.cross(z_axis, view.up_obj)
-    x_axis /= np.linalg.norm(x_axis)
-    rotation: FloatArray = np.stack([x_axis, np.cross(z_axis, x_axis), z_axis])
-    return rotation
 
 
 def _calling(action: Any, argument: int) -> Any:

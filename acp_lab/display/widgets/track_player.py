@@ -23,7 +23,7 @@ from acp_lab.tracking.session import TrackRun
 
 LOSS_ROW, QUALITY_ROW = "loss e(I)", "quality [0 to 1]"
 ADD_LIMITS = (2.0, 5.0)
-PLAY_MS = 150
+PLAY_MS = 50
 LARGEST_SHOWN_ADD = 20.0
 """Percent; a lost part would flatten the rest of the curve."""
 

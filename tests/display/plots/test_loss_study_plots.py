@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acp_lab.display.plots.loss_study import draw_erased, draw_found, draw_landscape, draw_losses, draw_printed
+from acp_lab.display.plots.loss_study import draw_erased, draw_found_shares, draw_landscape, draw_losses, draw_printed
 from acp_lab.studies.landscape import POSE_COORDINATES, Descent, LossSlice
 from acp_lab.studies.loss_study import LossStudy
 from tests.display.blank_axes import axes_of
@@ -49,6 +49,6 @@ def test_studies_of_losses() -> None:
     curves, bars = axes_of(2)
     draw_erased(curves, study)
     np.testing.assert_allclose(curves.lines[0].get_data(), ([0.0, 40.0], [2.0, 5.0]))
-    draw_found(bars, {"near": study, "far": study})
+    draw_found_shares(bars, {"near": study, "far": study})
     assert [bar.get_width() for bar in bars.patches] == pytest.approx([0.5, 0.0, 0.5, 0.0])
     assert [label.get_text() for label in bars.get_yticklabels()] == ["tight", "wide"]

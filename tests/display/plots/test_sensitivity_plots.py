@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from acp_lab.display.look import INK
 from acp_lab.display.plots.sensitivity import draw_change_table, draw_conditions, draw_cosines, sensitivity_figure
 from acp_lab.studies.sensitivity import POINT_NAMES, POSE_NAMES, Behaviour, SensitivityStudy
 
@@ -42,9 +43,9 @@ def test_boxes_sit_at_the_medians() -> None:
     conditions, cosines = Figure().subplots(1, 2)
     draw_conditions(conditions, study)
     draw_cosines(cosines, study, "gradient_cosine", "gradient")
-    # Of a box plot's lines the medians are the black ones.
+    # Of a box plot's lines the medians are those in the figure's ink.
     shown = [
-        line.get_ydata()[0] for line in conditions.lines if line.get_color() == "black" and len(line.get_ydata()) == 2
+        line.get_ydata()[0] for line in conditions.lines if line.get_color() == INK and len(line.get_ydata()) == 2
     ]
     assert all(any(np.isclose(np.median(one.condition), y) for y in shown) for one in study.sets)
     assert cosines.get_ylim() == (-1.05, 1.05)

@@ -75,6 +75,7 @@ class PointCanvas extends Scene {
   press(event) {
     if (event.button > 0) return;
     this.svg.setPointerCapture(event.pointerId);
+    this.endSwing();
     this.pointers.set(event.pointerId, this.at(event));
     this.pressed = { client: [event.clientX, event.clientY], moved: false };
     const points = this.model.get("points");
@@ -85,6 +86,9 @@ class PointCanvas extends Scene {
     event.preventDefault();
     if (this.pointers.size > 1 || !this.model.get("editable") || !(handle || inQuad)) {
       this.letGo();
+      if (this.pointers.size === 1 && this.model.get("orbits")) {
+        this.swing = { from: this.at(event), start: this.model.get("orbit") };
+      }
       return;
     }
     this.grabbed = handle ? [index] : points.map((_, i) => i);
@@ -105,12 +109,32 @@ class PointCanvas extends Scene {
       if (!this.pending && this.pressed.moved) this.pending = requestAnimationFrame(() => this.carry(true));
       return;
     }
-    if (this.pointers.size === 1) {
+    if (this.swing) {
+      this.swing.to = at;
+      if (!this.pending && this.pressed.moved) this.pending = requestAnimationFrame(() => this.turn(true));
+    } else if (this.pointers.size === 1) {
       const [left, top, width, height] = this.box;
       this.setView([left + before[0] - at[0], top + before[1] - at[1], width, height]);
     } else {
       this.pinch(event, before, at);
     }
+  }
+
+  // The ground is dragged to turn what is seen; the kernel makes the new picture.
+  turn(dragging) {
+    this.pending = 0;
+    if (!this.swing?.to) return;
+    const { from, to, start } = this.swing;
+    this.model.set("orbit", [start[0] + to[0] - from[0], start[1] + to[1] - from[1]]);
+    this.model.set("dragging", dragging);
+    this.model.save_changes();
+  }
+
+  endSwing() {
+    if (!this.swing) return;
+    cancelAnimationFrame(this.pending);
+    this.turn(false);
+    this.swing = null;
   }
 
   pinch(event, before, at) {
@@ -153,6 +177,7 @@ class PointCanvas extends Scene {
 
   release(event) {
     const known = this.pointers.delete(event.pointerId);
+    if (known) this.endSwing();
     if (this.drag && event.pointerId === this.drag.id) {
       this.letGo();
     } else if (known && !this.pressed.moved && event.type === "pointerup" && this.model.get("clickable")) {

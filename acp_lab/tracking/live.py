@@ -1,0 +1,178 @@
+"""Following a part while the camera runs: a loop in a thread of its own, which others tell what to do.
+
+It watches until it is told where the part is, by a pose or by "look for it yourself", and follows it from then on.
+Whoever shows the frames is handed in as a function; whoever presses buttons calls the methods.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Literal
+
+import numpy as np
+
+from acp_lab.errors import AcpLabError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.protocol import Sequence
+from acp_lab.sequences.results_csv import ResultRow
+from acp_lab.tracking.find import Finder
+from acp_lab.tracking.method import Method
+from acp_lab.tracking.result import TrackResult
+from acp_lab.tracking.tracker import Tracker
+
+OBJECT_ID = 1
+Doing = Literal["watching", "looking", "following", "waiting", "ended"]
+Show = Callable[[Frame | UnreadableFrame, TrackResult | None], object]
+Tell = Callable[[str], object]
+
+
+class LiveLoop:
+    """Reads a sequence to its end, or until `stop`; what it does meanwhile is up to the hand.
+
+    doing: "watching" only shows; "looking" searches each frame for the part until it is found; "following" tracks;
+    "waiting" stands still at a frame; "ended" once no more frames come. rows: what was tracked since the last start, as
+    results.csv has it.
+    """
+
+    def __init__(
+        self, model: PreparedPart, sequence: Sequence, show: Show, tell: Tell, method: Method | str = "acp"
+    ) -> None:
+        """show: called with every frame, and its result while following; tell: with words for the user."""
+        self.model, self.sequence = model, sequence
+        self._show, self._tell = show, tell
+        self._tracker = Tracker(model, method)
+        self._finder = Finder(model)
+        self.doing: Doing = "watching"
+        self._stands_at: Frame | None = None
+        self.rows: list[ResultRow] = []
+        self._start: FloatArray | None = None
+        self._is_over = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="live", daemon=True)
+
+    def begin(self) -> None:
+        """Open the sequence and read it, in a thread; once only."""
+        self._thread.start()
+
+    def look(self) -> None:
+        """Search for the part from the next frame on, and follow it once it is found."""
+        self._do("looking")
+
+    def hold(self, timeout_s: float = 10.0) -> Frame | None:
+        """Stand still at the next frame, which is returned, until told to go on: somebody needs time to look at it.
+
+        None, without standing still, when no frame comes in this time.
+        """
+        self._do("waiting")
+        with self._changed:
+            self._changed.wait_for(lambda: self._stands_at is not None or self.doing == "ended", timeout_s)
+            frame = self._stands_at
+        if frame is None:
+            self.watch()
+        return frame
+
+    def follow(self, cam_T_obj: FloatArray) -> None:
+        """Follow the part from a pose (4, 4) on, in the frame at which the loop stands, else in the next one."""
+        self._do("following", np.array(cam_T_obj, np.float64))
+
+    def watch(self) -> None:
+        """Only show the frames."""
+        self._do("watching")
+
+    def stop(self, timeout_s: float = 10.0) -> None:
+        """End after the frame at hand, and let the camera go."""
+        with self._changed:
+            self._is_over = True
+            self._changed.notify_all()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(timeout_s)
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until the sequence has ended; False when it still runs after that time."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _do(self, what: Doing, start: FloatArray | None = None) -> None:
+        with self._changed:
+            if self.doing != "ended":
+                self.doing, self._start = what, start
+            self._changed.notify_all()
+
+    def _run(self) -> None:
+        try:
+            for frame in self._paced():
+                if self._is_over:
+                    break
+                self._show(frame, self._result(frame))
+        except AcpLabError as error:
+            self._tell(str(error))
+        finally:
+            with self._changed:
+                self.doing = "ended"
+                self._changed.notify_all()
+
+    def _result(self, frame: Frame | UnreadableFrame) -> TrackResult | None:
+        if isinstance(frame, Frame) and self.doing == "waiting":
+            self._stand_at(frame)
+        if isinstance(frame, Frame) and self.doing == "looking":
+            self._look_in(frame)
+        if self.doing != "following" or (self._start is not None and not isinstance(frame, Frame)):
+            return None
+        try:
+            result = self._track(frame)
+        except AcpLabError as error:  # the pose that was given shows nothing here
+            self._tell(str(error))
+            self.watch()
+            return None
+        row = ResultRow(
+            self.sequence.scene_id,
+            result.frame_id,
+            OBJECT_ID,
+            result.quality,
+            result.cam_T_obj,
+            result.timings.total_s,
+        )
+        self.rows.append(row)
+        return result
+
+    def _stand_at(self, frame: Frame) -> None:
+        self._show(frame, None)
+        with self._changed:
+            self._stands_at = frame
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._is_over or self.doing != "waiting")
+            self._stands_at = None
+
+    def _track(self, frame: Frame | UnreadableFrame) -> TrackResult:
+        with self._changed:
+            start, self._start = self._start, None
+        if start is None or not isinstance(frame, Frame):
+            return self._tracker.track(frame)
+        self.rows = []
+        return self._tracker.start(frame, start)
+
+    def _look_in(self, frame: Frame) -> None:
+        self._tell("looking for the part: keep it still …")
+        found = self._finder.find(frame, 1)
+        if self.doing != "looking":
+            return  # somebody changed their mind meanwhile
+        if found and found[0].is_accepted:
+            self._tell(f"found, score {found[0].score:.2f}")
+            self.follow(found[0].cam_T_obj)
+
+    def _paced(self) -> Iterator[Frame | UnreadableFrame]:
+        """The frames; those of a file not sooner than they were taken, as a camera would give them."""
+        due_s = time.perf_counter()
+        before_s = 0.0
+        for frame in self.sequence.frames():
+            time_s = frame.time_s if isinstance(frame, Frame) and self.sequence.frame_ids else None
+            if time_s is not None:
+                # After a pause the film goes on where it was, it does not catch up.
+                due_s = max(due_s + time_s - before_s, time.perf_counter() - 0.1)
+                before_s = time_s
+                time.sleep(max(0.0, due_s - time.perf_counter()))
+            yield frame

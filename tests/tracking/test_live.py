@@ -1,0 +1,113 @@
+"""The live loop, on the sample served as a camera."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from acp_lab.evaluation import add_mm
+from acp_lab.sequences import open_images
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.live import LiveLoop
+from acp_lab.tracking.result import TrackResult
+from tests.plugged_camera import PluggedCamera
+from tests.prepared_sample import sample_model, sample_scene
+
+LAST = 30.0
+
+
+class Spectator:
+    """Takes down what the loop shows, and ends it after some results."""
+
+    def __init__(self, enough: int = 12) -> None:
+        self.shown: list[tuple[int, TrackResult | None]] = []
+        self.words: list[str] = []
+        self.enough = enough
+        self.loop: LiveLoop | None = None
+
+    def show(self, frame: Frame | UnreadableFrame, result: TrackResult | None) -> None:
+        self.shown.append((PluggedCamera.shown, result))
+        if sum(result is not None for _, result in self.shown) >= self.enough and self.loop is not None:
+            self.loop.stop()
+
+
+@pytest.fixture
+def spectator() -> Spectator:
+    return Spectator()
+
+
+@pytest.fixture
+def loop(spectator: Spectator, monkeypatch: pytest.MonkeyPatch) -> Iterator[LiveLoop]:
+    monkeypatch.setattr("acp_lab.sequences.images.cv2.VideoCapture", PluggedCamera)
+    monkeypatch.setattr(PluggedCamera, "fps", 60.0)
+    camera = open_images("0", sample_scene().camera(0))
+    spectator.loop = made = LiveLoop(sample_model(), camera, spectator.show, spectator.words.append)
+    yield made
+    made.stop(LAST)
+
+
+def add_percents(spectator: Spectator) -> list[float]:
+    part = sample_model().part
+    tracked = [(sample_id, result) for sample_id, result in spectator.shown if result is not None]
+    truths = [sample_scene().truth(sample_id, 1) for sample_id, _ in tracked]
+    return [
+        100.0 * add_mm(part.vertices, result.cam_T_obj, truth) / part.diameter
+        for (_, result), truth in zip(tracked, truths, strict=True)
+        if truth is not None
+    ]
+
+
+def test_it_finds_the_part_and_follows_it(loop: LiveLoop, spectator: Spectator) -> None:
+    loop.look()
+    loop.begin()
+    assert loop.wait(LAST)
+    assert loop.doing == "ended"
+    percents = add_percents(spectator)
+    assert len(percents) == spectator.enough == len(loop.rows)
+    assert max(percents) < 5.0
+    assert any(text.startswith("found, score") for text in spectator.words)
+    assert [row.im_id for row in loop.rows] == sorted(row.im_id for row in loop.rows)
+
+
+def test_a_hand_stops_the_film_and_starts_it_with_a_pose_of_that_frame(loop: LiveLoop, spectator: Spectator) -> None:
+    loop.begin()
+    frame = loop.hold()
+    assert frame is not None
+    assert loop.doing == "waiting"
+    stood_at, count = PluggedCamera.shown, len(spectator.shown)
+    truth = sample_scene().truth(stood_at, 1)
+    assert truth is not None
+    assert PluggedCamera.shown == stood_at, "no frame is read meanwhile"
+    assert len(spectator.shown) == count
+    loop.follow(truth)
+    assert loop.wait(LAST)
+    assert loop.rows[0].im_id == frame.index
+    assert max(add_percents(spectator)) < 5.0
+
+
+def test_a_pose_that_shows_nothing_is_told_and_it_goes_on_watching(loop: LiveLoop, spectator: Spectator) -> None:
+    away = np.eye(4)
+    away[:3, 3] = (0.0, 0.0, -500.0)
+    loop.follow(away)
+    loop.begin()
+    until = time.monotonic() + LAST
+    while not spectator.words and time.monotonic() < until:
+        time.sleep(0.01)
+    assert "not seen" in spectator.words[0]
+    assert loop.hold() is not None, "it goes on"
+    assert loop.rows == []
+
+
+def test_a_camera_that_is_not_there_is_told(spectator: Spectator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PluggedCamera, "isOpened", lambda self: False)
+    monkeypatch.setattr("acp_lab.sequences.images.cv2.VideoCapture", PluggedCamera)
+    camera = open_images("3", sample_scene().camera(0))
+    loop = LiveLoop(sample_model(), camera, spectator.show, spectator.words.append)
+    loop.begin()
+    assert loop.wait(LAST)
+    assert spectator.words == ["camera 3: cannot be opened: check its number, its cable and who else uses it"]
+    assert loop.hold(0.1) is None
+    assert loop.doing == "ended"
