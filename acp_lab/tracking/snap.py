@@ -20,6 +20,7 @@ from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.confidence import Confidence
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.schedule import Level
@@ -44,7 +45,7 @@ class SnapConfig:
         search_levels: of the solver.
         judge: how its results are compared.
         last_levels: of the refinement; every visible sample counts.
-        good_quality: what a pose that fits mostly has at least, in the units of a judgement's quality.
+        good_quality: from which on the part counts as found.
         seed: of the cloud.
     """
 
@@ -59,7 +60,7 @@ class SnapConfig:
     search_levels: tuple[Level, ...] = WIDE_LEVELS
     judge: Level = AGREEMENT_LEVEL
     last_levels: tuple[Level, ...] = LAST_LEVELS
-    good_quality: float = 0.42
+    good_quality: float = 0.8
     seed: int = 0
 
 
@@ -69,7 +70,7 @@ class SnapResult:
 
     Attributes:
         cam_T_obj: (4, 4) mm.
-        quality: in [0, 1], as the tracker's: mean score of the best image edge per visible sample.
+        quality: in [0, 1], as the tracker's: how likely the pose is right, see `confidence`.
         agreement_before, agreement: in [0, 1], how well the frame agrees with the given and with the new pose.
         loss: e(I) at the new pose, see `loss.robust_loss`.
         edges: the generated edge points at the new pose.
@@ -105,16 +106,17 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
             f"{model.part.name}: at t = {np.round(start[:3, 3], 1).tolist()} mm the part is not seen in frame "
             f"{frame.index} ({frame.camera.width}x{frame.camera.height}); move the start onto it"
         )
+    quality = Confidence().of(best)
     before, after = (_agreement(solver, seen, pose, config.judge) for pose in (start, best.cam_T_obj))
     return SnapResult(
         cam_T_obj=best.cam_T_obj,
-        quality=best.quality,
+        quality=quality,
         agreement_before=before,
         agreement=after,
         loss=best.loss,
         edges=best.judgement.edges,
         residuals_px=best.judgement.residuals_px,
-        is_good=best.quality >= config.good_quality,
+        is_good=quality >= config.good_quality,
     )
 
 
