@@ -317,7 +317,7 @@ def bench(
     *,
     methods: Annotated[
         str, typer.Option(help="Names split by commas; others are held against the first.", metavar="A,B")
-    ] = "acp,acp-edges",
+    ] = "acp,region",
     out: Annotated[Path, typer.Option(help="Where everything goes; taken up again.", metavar="DIR")] = Path(
         "acp_lab_bench"
     ),

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from acp_lab.display.bench_page import Thumbnail
     from acp_lab.tracking.method import Method
 
-DEFAULT_METHODS = "acp,acp-edges"
 MOST_SEEDS, MOST_WORKERS = 1000, 256
 _REPLAY_MB = 30.0
 # Per method and per page: a page should open at once.
