@@ -339,6 +339,9 @@ def bench(
     scheduler: Annotated[
         str | None, typer.Option(help="Run on a dask cluster: its scheduler's address.", metavar="ADDRESS")
     ] = None,
+    install_peers: Annotated[
+        bool, typer.Option("--install-peers", help="First make the environment of RAPID, OLS and GOS, with pip.")
+    ] = False,
     jobs: Annotated[
         int | None, typer.Option(help="Processes on this machine. [default: its cores]", metavar="N")
     ] = None,
@@ -362,6 +365,7 @@ def bench(
             split,
             scheduler,
             cores() if jobs is None else jobs,
+            install_peers,
         )
     )
 

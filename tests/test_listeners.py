@@ -12,6 +12,8 @@ import acp_lab
 
 PACKAGE = Path(acp_lab.__file__).parent
 STARTS_PROGRAMS = {
+    "bench/rapid/environment.py",  # venv and pip, when `bench --install-peers` asks for it
+    "bench/rapid/tracker.py",  # its own worker in that environment, spoken to over a pipe
     "commands/doctor.py",  # rerun --version, a trial of OpenGL
     "commands/lab.py",  # JupyterLab, on 127.0.0.1 with its token
     "machine.py",  # sysctl, for the name of the processor

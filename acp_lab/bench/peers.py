@@ -32,7 +32,7 @@ PEERS = (
     Peer("control points not regressed", "unoptimised-points", (), "--methods unoptimised-points"),
     Peer("RBGT", "region", ("RBGT",), "--methods region, of the same family; or --results-from RBGT__DATASET.csv"),
     Peer("SRT3D", "region", ("SRT3D",), "--methods region, our own; or --results-from SRT3D__DATASET.csv"),
-    Peer("GOS", "", ("GOS",), "--results-from GOS__DATASET.csv, of its code or of cv2.rapid"),
+    Peer("GOS", "GOS", ("GOS",), "--methods GOS, of cv2.rapid (--install-peers); or --results-from GOS__DATASET.csv"),
     Peer("SLET", "", ("SLET",), "--results-from SLET__DATASET.csv"),
     Peer("GFI", "", ("GFI",), "--results-from GFI__DATASET.csv; see docs/bench.md"),
     Peer("STB", "", ("STB",), "--results-from STB__DATASET.csv; see docs/bench.md"),

@@ -22,9 +22,9 @@ from acp_lab.tracking.method import Method
 from acp_lab.tracking.method_file import method_from_toml, to_toml
 
 LARGEST_STEP = 100
-_FOLDERS = (
-    "bench", "cad", "control_points", "evaluation", "generator", "geometry", "imaging", "prepared_part", "sequences",
-    "tracking",
+_SOURCES = (
+    "bench/runner.py", "bench/rapid", "cad", "control_points", "evaluation", "generator", "geometry", "imaging",
+    "prepared_part", "sequences", "tracking",
 )  # fmt: skip
 
 
@@ -76,7 +76,7 @@ class Task:
     Attributes:
         dataset: root of a data set in the BOP layout; split: its folder of scenes; parts: its prepared parts.
         scene_id, object_id: what is tracked; instance: which of several in the scene, counted in its first frame.
-        method_name: what results are called; method: all its settings, as TOML.
+        method_name: what results are called; method: all its settings, as TOML; "" for one of cv2.rapid.
         variant: how.
     """
 
@@ -105,7 +105,7 @@ class Task:
         return re.sub(r"[^\w.-]", "_", "--".join(words)) + ".json"
 
     def settings(self) -> Method:
-        """The method; InputFileError where its settings are none."""
+        """The method, for a task that has settings; InputFileError where they are none."""
         return method_from_toml(self.method, f"method {self.method_name}")
 
     @property
@@ -148,11 +148,12 @@ def dataset_name(root: Path) -> str:
 
 
 def task_of(
-    dataset: Path, split: str, parts: Path, sequence: SequenceKey, method: Method, variant: Variant
+    dataset: Path, split: str, parts: Path, sequence: SequenceKey, method: Method | str, variant: Variant
 ) -> Task:
-    """The task of a method on a sequence of a data set."""
+    """The task of a method, or of a tracker of cv2.rapid by its name, on a sequence of a data set."""
     ids = sequence.scene_id, sequence.object_id, sequence.instance
-    return Task(str(dataset.resolve()), split, str(parts.resolve()), *ids, method.name, to_toml(method), variant)
+    told = (method, "") if isinstance(method, str) else (method.name, to_toml(method))
+    return Task(str(dataset.resolve()), split, str(parts.resolve()), *ids, *told, variant)
 
 
 def digest(*words: str) -> str:
@@ -163,5 +164,6 @@ def digest(*words: str) -> str:
 @lru_cache(maxsize=1)
 def _sources() -> str:
     package = Path(acp_lab.__file__).parent
-    files = sorted(path for folder in _FOLDERS for path in (package / folder).rglob("*.py"))
+    files = [package / name for name in _SOURCES if name.endswith(".py")]
+    files += sorted(path for name in _SOURCES for path in (package / name).rglob("*.py"))
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()

@@ -14,7 +14,10 @@ import cv2
 import numpy as np
 
 from acp_lab.bench.protocol import SequenceKey, Task, dataset_name
+from acp_lab.bench.rapid import environment
+from acp_lab.bench.rapid.tracker import RapidTracker
 from acp_lab.bench.record import Run
+from acp_lab.cad.part import Part
 from acp_lab.errors import AcpLabError, GeometryError, SequenceError, TrackingError
 from acp_lab.evaluation.metrics import LOST_SHARE, pose_error
 from acp_lab.evaluation.part_metric import PartMetric
@@ -72,7 +75,8 @@ def follow(
             result = tracker.start(frame, start)
         else:
             result = tracker.track(frame)
-        ms = 1e3 * (time.thread_time() - begin_s)
+        # The work of a tracker in another process is not in this one's time: it tells.
+        ms = 1e3 * (time.thread_time() - begin_s) + float(getattr(tracker, "ms", 0.0))
         again = number > 0 and resets and _start_again(tracker, frame, result, truth(frame.index), error)
         yield Step(frame, result, ms, again)
     if number < 0:
@@ -125,36 +129,41 @@ def run(task: Task) -> Run:
     """
     cv2.setNumThreads(1)
     opened = _opened(task.dataset, task.split, task.scene_id, task.object_id, task.instance)
-    model, metric = _prepared(task.dataset, task.parts, task.object_id)
-    tracker = Tracker(model, task.settings())
+    part, metric = _measured(task.dataset, task.object_id)
+    tracker = tracker_of(task)
     frames = opened.frames[:: task.variant.step]
     steps, note = list[Step](), ""
     try:
-        for step in follow(tracker, frames, start_pose(task, opened.scene, model), opened.truth, metric.share,
+        for step in follow(tracker, frames, start_pose(task, opened.scene, part), opened.truth, metric.share,
                            task.variant.resets):  # fmt: skip
             steps.append(step)
     except (TrackingError, GeometryError) as error:
         note = str(error)
-    return _as_run(task, opened, model, metric, frames, steps, note)
+    return _as_run(task, opened, part, metric, frames, steps, note)
 
 
-def start_pose(task: Task, scene: BopScene, model: PreparedPart) -> FloatArray:
+def tracker_of(task: Task) -> PartTracker:
+    """The tracker of a task; PreparationError where its part, or cv2.rapid, is not prepared."""
+    if not task.method:
+        return RapidTracker(_measured(task.dataset, task.object_id)[0], task.method_name)
+    return Tracker(_prepared(task.dataset, task.parts, task.object_id), task.settings())
+
+
+def start_pose(task: Task, scene: BopScene, part: Part) -> FloatArray:
     """The true pose (4, 4) of the first frame, disturbed as the task's variant says."""
     how, scene_id = task.variant, scene.scene_id
     key = [how.seed, scene_id, task.object_id] + ([task.instance] if task.instance else [])
     rng = np.random.default_rng(key)
     pose = scene.first_poses[task.object_id]
-    return disturb_pose(pose, model.part.box_centre, how.noise_deg, how.noise_mm, rng)
+    return disturb_pose(pose, part.box_centre, how.noise_deg, how.noise_mm, rng)
 
 
 def watch(task: Task, observers: Iterable[Observer]) -> None:
     """Do a task without resets once more, for those who look on, such as a replay."""
     opened = _opened(task.dataset, task.split, task.scene_id, task.object_id, task.instance)
-    model, _ = _prepared(task.dataset, task.parts, task.object_id)
-    tracker = Tracker(model, task.settings())
-    start = start_pose(task, opened.scene, model)
-    follow_sequence({task.object_id: tracker}, _EveryFew(opened.scene, task.variant.step), {task.object_id: start},
-                    observers)  # fmt: skip
+    start = start_pose(task, opened.scene, _measured(task.dataset, task.object_id)[0])
+    scene, trackers = _EveryFew(opened.scene, task.variant.step), {task.object_id: tracker_of(task)}
+    follow_sequence(trackers, scene, {task.object_id: start}, observers)
 
 
 def true_pose(folder: Path, sequence: SequenceKey, frame_id: int) -> FloatArray | None:
@@ -206,10 +215,15 @@ def _opened(dataset: str, split: str, scene_id: int, object_id: int, instance: i
 
 
 @lru_cache(maxsize=1)
-def _prepared(dataset: str, parts: str, object_id: int) -> tuple[PreparedPart, PartMetric]:
+def _prepared(dataset: str, parts: str, object_id: int) -> PreparedPart:
     mesh = BopDataset(dataset).part_path(object_id)
-    model = PreparedPart.load(part_folder(Path(parts), mesh.stem), mesh)
-    return model, PartMetric(model.part)
+    return PreparedPart.load(part_folder(Path(parts), mesh.stem), mesh)
+
+
+@lru_cache(maxsize=1)
+def _measured(dataset: str, object_id: int) -> tuple[Part, PartMetric]:
+    part = BopDataset(dataset).part(object_id)
+    return part, PartMetric(part)
 
 
 def forget_parts() -> None:
@@ -219,7 +233,10 @@ def forget_parts() -> None:
 
 def check(task: Task) -> None:
     """Raise AcpLabError where the task's part lacks what its method needs, before anything is run."""
-    model, _ = _prepared(task.dataset, task.parts, task.object_id)
+    if not task.method:
+        environment.python()
+        return
+    model = _prepared(task.dataset, task.parts, task.object_id)
     try:
         task.settings().open_source(model)
     except AcpLabError as error:
@@ -227,7 +244,7 @@ def check(task: Task) -> None:
 
 
 def _as_run(
-    task: Task, opened: _Opened, model: PreparedPart, metric: PartMetric, frames: list[AnyFrame], steps: list[Step],
+    task: Task, opened: _Opened, part: Part, metric: PartMetric, frames: list[AnyFrame], steps: list[Step],
     note: str,
 ) -> Run:  # fmt: skip
     by_id = {step.frame.index: step for step in steps}
@@ -240,7 +257,7 @@ def _as_run(
         if step is None or cam_T_true is None:
             continue
         pose = step.result.cam_T_obj
-        apart = pose_error(pose, cam_T_true, model.part.symmetries)
+        apart = pose_error(pose, cam_T_true, part.symmetries)
         errors[:, row] = metric.share(pose, cam_T_true), apart.rotation_deg, apart.translation_mm
         poses[row], ms[row], scores[row] = pose[:3], step.ms, step.result.quality
     camera = opened.scene.camera(opened.scene.frame_ids[0])

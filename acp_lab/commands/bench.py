@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,6 +32,7 @@ class BenchOptions:
         results_from: of outside trackers. noise: "D,M" each, degrees and mm, with `seeds` directions each.
         steps: frame steps, split by commas. resets: whether lost parts are started again.
         split: the data sets' folder of scenes. scheduler: address of a dask scheduler. jobs: processes here.
+        install_peers: make the environment of RAPID, OLS and GOS first.
 
     Raises:
         ParameterError: a setting that makes no sense.
@@ -49,6 +50,7 @@ class BenchOptions:
     split: str = "test"
     scheduler: str | None = None
     jobs: int = 1
+    install_peers: bool = False
 
     def __post_init__(self) -> None:
         if not 1 <= self.seeds <= MOST_SEEDS:
@@ -69,18 +71,19 @@ class BenchOptions:
         steps = _whole_numbers(self.steps)
         return [Variant(step, *start, self.resets) for step in steps for start in starts]
 
-    def chosen_methods(self) -> list[Method]:
-        """The methods; TrackingError for a name that is none."""
+    def chosen_methods(self) -> list[Method | str]:
+        """The methods, and names of trackers of cv2.rapid; ParameterError for a name that is neither."""
+        from acp_lab.bench.rapid.tracker import NAMES
         from acp_lab.tracking.method import METHODS
 
         names = list(dict.fromkeys(name.strip() for name in self.methods.split(",") if name.strip()))
-        unknown = [name for name in names if name not in METHODS]
+        unknown = [name for name in names if name not in METHODS and name not in NAMES]
         if unknown:
             raise ParameterError(
-                f"--methods {unknown[0]}: no such method: there are {', '.join(METHODS)}; outside trackers come by "
+                f"--methods {unknown[0]}: no such method: there are {', '.join((*METHODS, *NAMES))}; others come by "
                 "--results-from"
             )
-        return [METHODS[name] for name in names]
+        return [METHODS.get(name, name) for name in names]
 
 
 def run_bench(options: BenchOptions) -> None:
@@ -92,11 +95,13 @@ def run_bench(options: BenchOptions) -> None:
     from acp_lab.sample import sample_dataset
 
     variants, methods = options.variants(), options.chosen_methods()
+    if options.install_peers:
+        _install_peers()
     roots = roots_by_name(options.datasets or (sample_dataset(),))
     outside = [run for path in options.results_from for run in outside_runs(path, roots, options.split)]
     if not methods and not outside:
         raise ParameterError("nothing to compare: give --methods, or --results-from")
-    taken = {method.name for method in methods} & {run.method for run in outside}
+    taken = {_name(method) for method in methods} & {run.method for run in outside}
     if taken:
         raise ParameterError(f"--results-from: {taken.pop()} is one of --methods: rename the file")
     sequences = {name: _sequences(root, options.split) for name, root in roots.items()}
@@ -123,7 +128,11 @@ def _sequences(root: Path, split: str) -> list[SequenceKey]:
 
 
 def _prepare(
-    roots: dict[str, Path], sequences: dict[str, list[SequenceKey]], methods: Sequence[Method], parts: Path, split: str
+    roots: dict[str, Path],
+    sequences: dict[str, list[SequenceKey]],
+    methods: Sequence[Method | str],
+    parts: Path,
+    split: str,
 ) -> None:
     """Prepare what is not there, into one folder per data set."""
     from acp_lab.bench.protocol import Variant, task_of
@@ -134,12 +143,14 @@ def _prepare(
         for object_id in dict.fromkeys(key.object_id for key in sequences[name]):
             first = next(key for key in sequences[name] if key.object_id == object_id)
             mesh = BopDataset(root).part_path(object_id)
-            for generator in _generators(methods):
+            for generator in dict.fromkeys(_generator_of(method) for method in methods):
                 try:
                     for method in methods:
                         if _generator_of(method) == generator:
                             check(task_of(root, split, parts / name, first, method, Variant()))
                 except PreparationError:
+                    if not generator:
+                        raise
                     _prepare_one(mesh, parts / name, generator)
 
 
@@ -153,13 +164,23 @@ def _prepare_one(mesh: Path, out: Path, generator: str) -> None:
     forget_parts()
 
 
-def _generators(methods: Iterable[Method]) -> list[str]:
-    return list(dict.fromkeys(_generator_of(method) for method in methods))
+def _install_peers() -> None:
+    from acp_lab.bench.rapid.environment import folder, install
+
+    print(f"Making {folder()} (once, then kept) ...", flush=True)
+    install()
 
 
-def _generator_of(method: Method) -> str:
+def _name(method: Method | str) -> str:
+    return method if isinstance(method, str) else method.name
+
+
+def _generator_of(method: Method | str) -> str:
+    """What a part must be prepared with; "" for nothing."""
     from acp_lab.tracking.sources.rigid import CadSamples
 
+    if isinstance(method, str):
+        return ""
     if isinstance(method.source, CadSamples):
         return "templates" if method.source.generator == "templates" else "both"
     return "autoencoder"
@@ -168,7 +189,7 @@ def _generator_of(method: Method) -> str:
 def _tasks(
     roots: dict[str, Path],
     sequences: dict[str, list[SequenceKey]],
-    methods: Sequence[Method],
+    methods: Sequence[Method | str],
     variants: Sequence[Variant],
     parts: Path,
     split: str,
