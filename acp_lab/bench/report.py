@@ -52,6 +52,17 @@ class Report:
         """Names, in the order of the runs."""
         return list(dict.fromkeys(run.method for run in self.runs))
 
+    def __str__(self) -> str:
+        columns = ("method", "runs", "@2%", "@5%", "@10%", "until lost", "ms")
+        kept = [HEAD.index(name) for name in columns]
+        lines = []
+        for group, how, rows in self.blocks():
+            table = [HEAD, *(cells(row) for row in rows)]
+            widths = [max(len(row[place]) for row in table) for place in kept]
+            lines += [f"{group}: {how}"]
+            lines += ["  ".join(row[p].ljust(w) for p, w in zip(kept, widths, strict=True)).rstrip() for row in table]
+        return "\n".join(lines)
+
     def blocks(self) -> Iterator[tuple[str, str, list[Row]]]:
         """(group, variant, rows) of each table."""
         for (group, how), rows in groupby(self.rows, key=lambda row: (row.group, str(_shared(row.variant)))):

@@ -49,17 +49,21 @@ def figure_svg(figure: Figure) -> str:
     return drawn[drawn.index("<svg") :]
 
 
-def draw_curves(axes: Axes, runs: Sequence[Run]) -> None:
-    """Share of frames within a limit of ADD(-S), over the limit; runs from truth on every frame, without resets."""
+def draw_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None = None) -> None:
+    """Share of frames within a limit of ADD(-S), over the limit; runs of a variant, whatever their seeds.
+
+    variant: from truth on every frame, without resets, by default.
+    """
+    how = (variant or Variant()).group
     limits = np.linspace(0.0, _MOST_PERCENT, 101)
     for number, method in enumerate(_methods(runs)):
-        own = [run.distance for run in runs if run.method == method and run.variant == Variant()]
+        own = [run.distance for run in runs if run.method == method and run.variant.group == how]
         if own:
             errors = 100.0 * np.concatenate(own)
             shares = [(errors < limit).mean() for limit in limits]
             axes.plot(limits, shares, label=method, color=f"C{number}")
     axes.set(xlabel="limit of ADD(-S), % of the diameter", ylabel="share of frames", ylim=(-0.02, 1.02))
-    axes.set_title("accuracy, from truth")
+    axes.set_title(f"accuracy, {variant or 'from truth'}")
     axes.grid(alpha=0.3)
 
 
