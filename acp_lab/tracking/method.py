@@ -269,7 +269,7 @@ REGION = Method(
     summary="colours across the outline alone: the sparse region tracker RBGT/SRT3D, read from its papers",
     margin_px=80.0,
     source=CadSamples("templates", outlines_only=True),
-    variables=PoseVariables(),
+    variables=PoseVariables(linearise="level"),
     targets=(ContourRegions(),),
     # Lines of 6, 4, 2, 2, 1 and 1 px per segment.
     schedule=PixelSchedule(

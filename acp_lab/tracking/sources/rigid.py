@@ -17,6 +17,7 @@ from acp_lab.errors import PreparationError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, project_samples
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.generator.painted.image_generator import PointSet
+from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
@@ -67,7 +68,9 @@ class RigidSource:
     def generate(self, at: Estimate, count: int) -> GeneratedEdges:
         """The edges of an estimate."""
         pose = at.cam_T_obj
-        if self._outlines_only:
+        if self._outlines_only and isinstance(self._generator, TemplateGenerator):
+            visible = self._generator.outlines(pose, count)
+        elif self._outlines_only:
             visible = self._generator.visible(pose, at.view.region, len(self._generator.edges))
             rows = np.flatnonzero(visible.outline)[:count]
             visible = VisibleSamples(visible.ids[rows], visible.outline[rows], visible.weights[rows])

@@ -74,12 +74,12 @@ def fill_posteriors(
             inside[segment] = 1.0 / (1.0 + np.exp(-total))
         most = -np.inf
         for place in range(PLACES):
-            evidence = 0.0
+            product = 1.0
             for k in range(WINDOW):
                 p = inside[place + k]
-                evidence += np.log(step[k] * p + (1.0 - step[k]) * (1.0 - p))
-            found[i, place] = evidence
-            most = max(most, evidence)
+                product *= step[k] * p + (1.0 - step[k]) * (1.0 - p)
+            found[i, place] = np.log(max(product, 1e-300))
+            most = max(most, found[i, place])
         total, mean, square = 0.0, 0.0, 0.0
         for place in range(PLACES):
             found[i, place] -= most
