@@ -273,7 +273,9 @@ class ContourJudgement:
 
     @property
     def quality(self) -> float:
-        """The margin, in [0, 1]."""
+        """The margin, in [0, 1]; 1 in a first frame, of whose colours nothing is known that could speak against it."""
+        if not self.measure.target.crop.colours.is_known:
+            return 1.0
         return min(max(self.score, 0.0), 1.0)
 
     def learn(self, trusted: bool) -> None:

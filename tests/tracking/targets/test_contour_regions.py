@@ -159,6 +159,7 @@ def test_unknown_colours_move_nothing(part: Part, model: PreparedPart, truth: Fl
     off = disturb_pose(truth, part.box_centre, 2.0, 2.0, np.random.default_rng(0))
     started = tracker.start(Frame(0, painted(part, truth), CAMERA), off)
     np.testing.assert_allclose(started.cam_T_obj, off, atol=1e-9)
+    assert started.state == "tracking"
 
 
 def test_the_method_follows_a_part_in_two_colours(part: Part, model: PreparedPart, truth: FloatArray) -> None:
