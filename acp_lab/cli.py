@@ -309,6 +309,68 @@ def evaluate(
 
 
 @app.command()
+def bench(
+    datasets: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Data sets in the BOP layout, with truth; the sample by default.", metavar="[DATASET...]"),
+    ] = None,
+    *,
+    methods: Annotated[
+        str, typer.Option(help="Names split by commas; others are held against the first.", metavar="A,B")
+    ] = "acp,region",
+    out: Annotated[Path, typer.Option(help="Where everything goes; taken up again.", metavar="DIR")] = Path(
+        "acp_lab_bench"
+    ),
+    results_from: Annotated[
+        list[Path] | None,
+        typer.Option(help="Results of another tracker, named TRACKER__DATASET.csv; repeatable.", metavar="FILE"),
+    ] = None,
+    noise: Annotated[
+        list[str] | None,
+        typer.Option(help="Also from starts that are off by D degrees and M mm; repeatable.", metavar="D,M"),
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Directions of each --noise.", metavar="N")] = 20,
+    steps: Annotated[str, typer.Option(help="Use every n-th frame, for each n.", metavar="N,N")] = "1",
+    resets: Annotated[bool, typer.Option("--resets/--no-resets", help="Start a lost part again from truth.")] = False,
+    parts: Annotated[
+        Path | None, typer.Option(help="Prepared parts, a folder per data set. [default: DIR/parts]", metavar="DIR")
+    ] = None,
+    split: Annotated[str, typer.Option(help="The data sets' folder of scenes.")] = "test",
+    scheduler: Annotated[
+        str | None, typer.Option(help="Run on a dask cluster: its scheduler's address.", metavar="ADDRESS")
+    ] = None,
+    install_peers: Annotated[
+        bool, typer.Option("--install-peers", help="First make the environment of RAPID, OLS and GOS, with pip.")
+    ] = False,
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes on this machine. [default: its cores]", metavar="N")
+    ] = None,
+) -> None:
+    """Compare methods, and other trackers' results, on the same frames: tables and a page."""
+    from acp_lab.commands.bench import BenchOptions, run_bench
+    from acp_lab.commands.machine import cores, limit_threads
+
+    limit_threads(1)  # before NumPy is imported
+    run_bench(
+        BenchOptions(
+            tuple(datasets or ()),
+            methods,
+            out,
+            parts,
+            tuple(results_from or ()),
+            tuple(noise or ()),
+            seeds,
+            steps,
+            resets,
+            split,
+            scheduler,
+            cores() if jobs is None else jobs,
+            install_peers,
+        )
+    )
+
+
+@app.command()
 def replay(
     files: Annotated[list[Path], typer.Argument(help="Replays; two are shown side by side.", metavar="FILE.rrd...")],
     mp4: Annotated[Path | None, typer.Option(help="Write a film instead of opening a window.", metavar="FILE")] = None,

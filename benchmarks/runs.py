@@ -6,15 +6,13 @@ part with symmetries, as a share of the diameter; frames in which less than 30% 
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from itertools import dropwhile
+from itertools import dropwhile, islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +24,7 @@ machine.limit_threads(1)
 
 import numpy as np  # noqa: E402
 
-import acp_lab  # noqa: E402
+from acp_lab.bench.protocol import digest  # noqa: E402
 from acp_lab.errors import InputFileError  # noqa: E402
 
 if TYPE_CHECKING:
@@ -39,7 +37,6 @@ STARTS = {"truth": (0.0, 0.0), "0.5": (0.5, 0.5), "2": (2.0, 2.0), "5": (5.0, 5.
 """How far the start pose is off: degrees, mm."""
 VISIBLE = 0.3
 LOST = 0.3
-_FOLDERS = ("cad", "control_points", "generator", "geometry", "imaging", "prepared_part", "sequences", "tracking")
 
 
 @dataclass(frozen=True)
@@ -113,14 +110,7 @@ def part_name(root: Path, object_id: int) -> str:
 
 def state_of(method: Method) -> str:
     """Changes when the method's parts or the sources that track change, so that old runs are not taken for new."""
-    return hashlib.sha256((_sources() + repr(method)).encode()).hexdigest()[:10]
-
-
-@lru_cache(maxsize=1)
-def _sources() -> str:
-    package = Path(acp_lab.__file__).parent
-    files = sorted(path for folder in _FOLDERS for path in (package / folder).rglob("*.py"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+    return digest(repr(method))
 
 
 def read_runs(path: Path) -> list[Run]:
@@ -165,6 +155,7 @@ def _end_line(path: Path, file: Any) -> None:
 
 def track(job: Job) -> Run:
     """Do one job. Raises AcpLabError for a part that is not prepared; a start that is refused is a lost run."""
+    from acp_lab.bench.runner import follow
     from acp_lab.errors import TrackingError
     from acp_lab.geometry.pose import disturb_pose
     from acp_lab.sequences.frame import Frame
@@ -181,15 +172,15 @@ def track(job: Job) -> Run:
     start = disturb_pose(scene.truth(first.index, job.object_id), model.part.box_centre, degrees, mm, rng)
     errors: list[float | None] = [None] * len(others)
     ms: list[float | None] = [None] * len(others)
-    tracker = Tracker(model, job.method)
+    def truth(frame_id: int) -> Any:
+        return scene.truth(frame_id, job.object_id)
+
     try:
-        tracker.start(first, start)
-        for k, frame in enumerate(others):
-            begin_s = time.process_time()
-            result = tracker.track(frame)
-            ms[k] = round(1e3 * (time.process_time() - begin_s), 3)
-            truth = scene.truth(frame.index, job.object_id)
-            error = math.inf if truth is None else metric.share(result.cam_T_obj, truth)
+        steps = follow(Tracker(model, job.method), [first, *others], start, truth, metric.share)
+        for k, step in enumerate(islice(steps, 1, None)):
+            ms[k] = round(step.ms, 3)
+            cam_T_true = truth(step.frame.index)
+            error = math.inf if cam_T_true is None else metric.share(step.result.cam_T_obj, cam_T_true)
             errors[k] = round(error, 5) if math.isfinite(error) else None
     except TrackingError:
         pass  # the errors stay None: lost

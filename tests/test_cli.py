@@ -15,7 +15,7 @@ from acp_lab.commands import console
 from acp_lab.errors import AcpLabError
 from tests.cli_runner import assert_one_error, run
 
-COMMANDS = ("demo", "prepare", "track", "detect", "eval", "replay", "methods", "doctor", "lab")
+COMMANDS = ("demo", "prepare", "track", "detect", "bench", "eval", "replay", "methods", "doctor", "lab")
 HEAVY = ("torch", "kornia", "rerun", "matplotlib", "pyrender", "cv2", "scipy", "trimesh", "numpy")
 
 
@@ -51,6 +51,14 @@ def test_top_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> Non
         (("prepare", "a.ply", "--out", "p", "--edge-break", "-1"), "--edge-break"),
         (("prepare", "a.ply", "--out", "p", "--edge-break", "nan"), "--edge-break"),
         (("eval", "x"), "results.csv"),
+        (("bench", "--noise", "2"), "--noise 2"),
+        (("bench", "--steps", "0"), "--steps 0"),
+        (("bench", "--steps", "x"), "--steps x"),
+        (("bench", "--seeds", "0"), "--seeds 0"),
+        (("bench", "--jobs", "0"), "--jobs 0"),
+        (("bench", "--methods", "magic"), "--methods magic"),
+        (("bench", "--methods", ""), "--results-from"),
+        (("bench", "nowhere"), "nowhere"),
         (("replay",), "FILE.rrd"),
     ],
 )

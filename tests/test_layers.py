@@ -15,7 +15,7 @@ PACKAGE = Path(acp_lab.__file__).parent
 # From the bottom up; names in one row may import each other.
 LAYERS = (
     ("errors",),
-    ("compiled", "files", "input_file", "locks", "quiet"),
+    ("compiled", "files", "input_file", "locks", "machine", "quiet"),
     ("sample",),
     ("geometry",),
     ("imaging",),
@@ -28,6 +28,7 @@ LAYERS = (
     ("preparation",),
     ("tracking",),
     ("evaluation",),
+    ("bench",),
     ("diagnosis",),
     ("studies",),
     ("display",),

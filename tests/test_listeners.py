@@ -12,12 +12,16 @@ import acp_lab
 
 PACKAGE = Path(acp_lab.__file__).parent
 STARTS_PROGRAMS = {
+    "bench/rapid/environment.py",  # venv and pip, when `bench --install-peers` asks for it
+    "bench/rapid/tracker.py",  # its own worker in that environment, spoken to over a pipe
     "commands/doctor.py",  # rerun --version, a trial of OpenGL
     "commands/lab.py",  # JupyterLab, on 127.0.0.1 with its token
-    "commands/machine.py",  # sysctl, for the name of the processor
+    "machine.py",  # sysctl, for the name of the processor
     "commands/replay.py",  # rerun's viewer, on 127.0.0.1
     "commands/replay_web.py",  # rerun's viewer for browsers, on 127.0.0.1
 }
+SPREADS = {"bench/spread.py"}
+"""Runs over processes that dask starts, on ports of 127.0.0.1; tests/bench/test_spread.py looks at them."""
 LISTENS = {"socket", "socketserver", "http", "asyncio", "wsgiref", "xmlrpc", "multiprocessing"}
 SERVES = {"serve", "serve_web", "serve_grpc", "serve_web_viewer", "spawn", "connect_grpc"}
 """Of rerun."""
@@ -48,6 +52,7 @@ def test_programs_are_started_only_where_it_is_known() -> None:
 def test_nothing_listens() -> None:
     for name, tree in parsed().items():
         assert not imported(tree) & LISTENS, name
+        assert name in SPREADS or not imported(tree) & {"dask", "distributed"}, name
         called = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
         assert not called & SERVES, name
 

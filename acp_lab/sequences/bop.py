@@ -116,13 +116,14 @@ class BopScene:
     one object. A scene without scene_gt.json opens: only asking for its first poses fails.
     """
 
-    def __init__(self, folder: str | Path) -> None:
+    def __init__(self, folder: str | Path, truth: SceneTruth | None = None) -> None:
+        """truth: instead of scene_gt.json, as that of one of several instances (`scene_truth.instance_truths`)."""
         self.folder = Path(folder)
         self.scene_id = _scene_id(self.folder)
         self.image_paths = image_files(self.folder)
         self.frame_ids: tuple[int, ...] = tuple(self.image_paths)
-        self.ground_truth: SceneTruth | None = None
-        if (self.folder / "scene_gt.json").exists():
+        self.ground_truth = truth
+        if truth is None and (self.folder / "scene_gt.json").exists():
             self.ground_truth = SceneTruth.from_file(self.folder / "scene_gt.json")
         first_path = self.image_paths[self.frame_ids[0]]
         self._coding = PixelCoding.beside(first_path.parent)

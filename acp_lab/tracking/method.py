@@ -34,28 +34,29 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.confidence import EDGES_ALONE, Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
-from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+from acp_lab.tracking.learning.knowledge import Off, SampleLearning, TargetLearning
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.picture import PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
-from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior
+from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior, TikhonovPrior
 from acp_lab.tracking.recovery import Alternatives, SecondTries, WayBack
-from acp_lab.tracking.schedule import PixelSchedule, ShareSchedule
+from acp_lab.tracking.schedule import Level, PixelSchedule, ShareSchedule
 from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt
 from acp_lab.tracking.sources import EdgeSource
 from acp_lab.tracking.sources.painted import PaintedRidges, PaintedSamples
 from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.start import TrustedStart
 from acp_lab.tracking.states import StateConfig
+from acp_lab.tracking.targets.contour_regions import ContourRegions
 from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 
 Source = CadSamples | PaintedSamples | PaintedRidges
 Variables = ControlPointVariables | PoseVariables
-TargetConfig = DistanceMap | NormalSearch | RegionLines
+TargetConfig = DistanceMap | NormalSearch | RegionLines | ContourRegions
 Schedule = PixelSchedule | ShareSchedule
-PriorConfig = ControlPointDamping | RigidityPrior | MotionPrior
+PriorConfig = ControlPointDamping | RigidityPrior | MotionPrior | TikhonovPrior
 SolverConfig = GaussNewton | LevenbergMarquardt | Adam
 PredictionConfig = ConstantVelocityPrediction | LastPosePrediction | KalmanPrediction
 
@@ -87,13 +88,15 @@ class Method:
     start: TrustedStart | Off = field(default_factory=TrustedStart)
     recovery: SecondTries | Alternatives | Off = field(default_factory=Alternatives)
     way_back: WayBack | Off = field(default_factory=WayBack)
-    learning: SampleLearning | Off = field(default_factory=SampleLearning)
+    learning: SampleLearning | TargetLearning | Off = field(default_factory=SampleLearning)
     confidence: Confidence | Off = field(default_factory=Confidence)
     states: StateConfig = field(default_factory=StateConfig)
 
     def __post_init__(self) -> None:
         searches = any(target.searches for target in self.targets)
-        judges_matches = any(target.searches for target in self.targets[:1])
+        judges_matches = any(isinstance(target, NormalSearch) for target in self.targets[:1])
+        learns_samples = isinstance(self.learning, SampleLearning)
+        sees_contours = any(isinstance(target, ContourRegions) for target in self.targets)
         binds_levels = any(isinstance(target, NormalSearch) and target.bind == "level" for target in self.targets)
         sees_regions = any(isinstance(target, RegionLines) for target in self.targets)
         varies_points = isinstance(self.variables, ControlPointVariables)
@@ -114,18 +117,30 @@ class Method:
                 'priors.kind = "rigidity": a pose is rigid anyway: leave it out, or vary "control-points"',
             ),
             (
-                isinstance(self.learning, Off) or (judges_matches and self.source.knows_samples),
+                not learns_samples or (judges_matches and self.source.knows_samples),
                 'learning: needs a first target that searches along "normals" and a source of CAD samples '
                 '("cad-samples" or "painted-samples")',
             ),
             (
-                not (sees_regions and isinstance(self.learning, Off)),
+                not sees_regions or learns_samples,
                 'targets.kind = "regions": its colours are learnt with the samples: give learning.kind = "samples"',
             ),
             (
                 not (self._regenerates and (self._residual or self._paints_at_pose)),
                 "variables.direction: generates anew beside a free I, which a residual homography and a source with "
                 'frame = "pose" do not: give direction = "homography"',
+            ),
+            (
+                not sees_contours or not isinstance(self.learning, Off),
+                'targets.kind = "contour-regions": its colours must be learnt: give learning.kind = "targets"',
+            ),
+            (
+                not sees_contours or self.source.knows_samples,
+                'targets.kind = "contour-regions": needs outlines: give source.kind = "cad-samples"',
+            ),
+            (
+                not isinstance(self.learning, TargetLearning) or sees_contours,
+                'learning.kind = "targets": no target of this method learns: give learning.kind = "off"',
             ),
             (
                 not (self._regenerates and binds_levels),
@@ -249,11 +264,35 @@ UNOPTIMISED_POINTS = replace(
     control_points="mid-section",
 )
 
+REGION = Method(
+    name="region",
+    summary="colours across the outline alone: the sparse region tracker RBGT/SRT3D, read from its papers",
+    margin_px=80.0,
+    source=CadSamples("templates", outlines_only=True),
+    variables=PoseVariables(linearise="level"),
+    targets=(ContourRegions(),),
+    # Lines of 6, 4, 2, 2, 1 and 1 px per segment.
+    schedule=PixelSchedule(
+        (Level(57, 15.0), Level(38, 5.0), Level(19, 3.5), Level(19, 3.5), Level(10, 1.5), Level(10, 1.5))
+    ),
+    priors=(TikhonovPrior(),),
+    solver=GaussNewton(steps=2, damping=0.0),
+    prediction=LastPosePrediction(),
+    sight=Off(),
+    start=Off(),
+    recovery=Off(),
+    way_back=Off(),
+    learning=TargetLearning(),
+    confidence=Off(),
+    states=StateConfig(weak_below=0.27, tracking_above=0.30, lost_below=0.20, found_above=0.27),
+)
+
 METHODS: dict[str, Method] = {
     method.name: method
     for method in (
         ACP,
         ACP_EDGES,
+        REGION,
         ACP_PAPER,
         ACP_PAPER_LITERAL,
         ACP_PAPER_SAMPLES,

@@ -40,19 +40,28 @@ def read_method(path: str | Path) -> Method:
     """
     path = Path(path)
     try:
-        content = tomllib.loads(read_bytes(path, "check --config", "method file").decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = read_bytes(path, "check --config", "method file").decode("utf-8")
+    except UnicodeDecodeError as error:
         raise InputFileError(f"{path}: is no TOML ({error}): fix it") from None
+    return method_from_toml(text, str(path), path.stem)
+
+
+def method_from_toml(text: str, where: str, name: str = "method") -> Method:
+    """A method from TOML text; where: named in errors; name: of a method that tells none. Errors as `read_method`."""
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputFileError(f"{where}: is no TOML ({error}): fix it") from None
     except RecursionError:
-        raise InputFileError(f"{path}: is nested too deeply: fix it") from None
+        raise InputFileError(f"{where}: is nested too deeply: fix it") from None
     base = content.pop("base", ACP_PAPER.name)
     if not isinstance(base, str) or base not in METHODS:
-        raise InputFileError(f"{path}: base = {base!r}: give one of {', '.join(METHODS)}")
-    start = METHODS[base] if "name" in content else replace(METHODS[base], name=path.stem)
+        raise InputFileError(f"{where}: base = {base!r}: give one of {', '.join(METHODS)}")
+    start = METHODS[base] if "name" in content else replace(METHODS[base], name=name)
     try:
-        return _changed(start, content, f"{path}: ")
+        return _changed(start, content, f"{where}: ")
     except TrackingError as error:
-        raise InputFileError(f"{path}: {error}") from None
+        raise InputFileError(f"{where}: {error}") from None
 
 
 def _plain(config: Any) -> dict[str, Any]:

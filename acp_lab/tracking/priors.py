@@ -52,6 +52,30 @@ class MotionPrior:
 
 
 @dataclass(frozen=True)
+class TikhonovPrior:
+    """Configuration: each step is damped by fixed amounts, as in SRT3D; what the image sees clearly is hardly held.
+
+    Attributes:
+        rotation: information per squared radian; translation: per squared mm, about the part's centre.
+    """
+
+    kind: ClassVar[str] = "tikhonov"
+    rotation: float = 2000.0
+    translation: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("rotation", "translation"):
+            if not 0.0 <= getattr(self, name) < float("inf"):
+                raise TrackingError(f"priors.{name} = {getattr(self, name):g}: give 0 or more")
+
+    def bind(self, variables: ControlPointVariables | PoseVariables, at: Estimate) -> Prior:
+        """The prior of a level that starts at an estimate."""
+        jacobian = variables.pose_jacobian(at)
+        information = np.repeat([self.rotation, self.translation], 3)
+        return _Tikhonov(jacobian.T @ (information[:, None] * jacobian))
+
+
+@dataclass(frozen=True)
 class RigidityPrior:
     """Configuration: I stays near what a rigid part can show; for control points as variables. weight: per px^2."""
 
@@ -79,6 +103,21 @@ class _StepDamping:
     def equations(self, at: Estimate, total: float) -> NormalEquations:
         """The same at every step."""
         return self._equations
+
+    def loss(self, at: Estimate, total: float) -> float:
+        """0."""
+        return 0.0
+
+
+class _Tikhonov:
+    """Zero residual wherever the estimate is. hessian: (k, k) information of the variables."""
+
+    def __init__(self, hessian: FloatArray) -> None:
+        self._hessian = hessian
+
+    def equations(self, at: Estimate, total: float) -> NormalEquations:
+        """The same at every step, against what the image says in all."""
+        return NormalEquations(self._hessian / total, np.zeros(len(self._hessian)))
 
     def loss(self, at: Estimate, total: float) -> float:
         """0."""

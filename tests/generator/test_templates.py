@@ -75,3 +75,13 @@ def test_the_default_has_2562_views(templates: TemplateGenerator) -> None:
     assert templates.views_obj.shape == (2562, 3)
     np.testing.assert_allclose(np.linalg.norm(templates.views_obj, axis=1), 1.0, atol=1e-9)
     assert templates.name == "templates"
+
+
+def test_outlines_alone_are_those_among_all_that_show(part: Part, templates: TemplateGenerator) -> None:
+    for direction in sphere_directions(12, turn_rad=0.3):
+        pose = looking_at(part, direction, 400.0)
+        everything = templates.visible(pose, 0, EVERYTHING)
+        found = templates.outlines(pose, EVERYTHING)
+        np.testing.assert_array_equal(found.ids, everything.ids[everything.outline])
+        assert found.outline.all()
+        np.testing.assert_array_equal(templates.outlines(pose, 20).ids, found.ids[:20])

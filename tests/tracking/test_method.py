@@ -121,20 +121,13 @@ def test_the_literal_path_lacks_the_four_deviations_and_nothing_else() -> None:
     assert paper == ACP_PAPER_LITERAL
 
 
-OF_CAD_SAMPLES = ("acp", "acp-edges")
+OF_CAD_SAMPLES = ("acp", "acp-edges", "region")
 """Methods that need no auto-encoder."""
 
 
 def test_names_are_those_of_the_methods() -> None:
-    assert list(METHODS) == [
-        "acp",
-        "acp-edges",
-        "acp-paper",
-        "acp-paper-literal",
-        "acp-paper-samples",
-        "direct-6dof",
-        "unoptimised-points",
-    ]
+    ours, paper = ["acp", "acp-edges", "region"], ["acp-paper", "acp-paper-literal", "acp-paper-samples"]
+    assert list(METHODS) == [*ours, *paper, "direct-6dof", "unoptimised-points"]
     for name, method in METHODS.items():
         assert method_named(name) is method
         assert method.name == name

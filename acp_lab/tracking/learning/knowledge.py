@@ -29,6 +29,17 @@ class Off:
 
 
 @dataclass(frozen=True)
+class TargetLearning:
+    """Configuration: targets learn what they keep, such as colours; nothing is learnt of edge samples.
+
+    learn_above: share of the running mean quality below which a frame teaches nothing; 0 for every frame.
+    """
+
+    kind: ClassVar[str] = "targets"
+    learn_above: float = 0.0
+
+
+@dataclass(frozen=True)
 class SampleLearning:
     """Configuration: what is learnt of each edge sample, on methods whose samples are the CAD's.
 
@@ -81,14 +92,14 @@ class SampleKnowledge:
     edges: the part's 3D edge samples.
     """
 
-    def __init__(self, config: SampleLearning | Off, model: PreparedPart) -> None:
+    def __init__(self, config: SampleLearning | TargetLearning | Off, model: PreparedPart) -> None:
         edges = model.edges
         self.config = config
         self.edges = edges
         self.memory: EdgeMemory | None = None
         self.offsets: ContourOffsets | None = None
         self.reliability: SampleReliability | None = None
-        if isinstance(config, Off):
+        if not isinstance(config, SampleLearning):
             return
         if isinstance(config.memory, MemoryConfig):
             self.memory = EdgeMemory(len(edges), config.memory)
@@ -110,7 +121,7 @@ class SampleKnowledge:
 
     def trust(self, edges: GeneratedEdges, expected: ExpectedOffsets | None, sigma_px: float) -> FloatArray | None:
         """(n,) weights in (0, 1] at a level of that sigma; None where all samples count alike."""
-        if isinstance(self.config, Off) or sigma_px > self.config.trust_from_sigma_px:
+        if not isinstance(self.config, SampleLearning) or sigma_px > self.config.trust_from_sigma_px:
             return None
         if self.reliability is None:
             return None if expected is None else expected.weights
@@ -125,6 +136,8 @@ class SampleKnowledge:
 
     def learns_from(self, quality: float, mean_quality: float) -> bool:
         """Whether a frame of that quality teaches anything."""
+        if isinstance(self.config, TargetLearning):
+            return quality >= self.config.learn_above * mean_quality
         return isinstance(self.config, SampleLearning) and quality > self.config.learn_above * mean_quality
 
     def learn(self, matches: Matches) -> None:

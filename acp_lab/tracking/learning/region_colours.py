@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, Float32Array, IntArray, Uint16Array
 
@@ -64,8 +65,7 @@ class RegionColours:
     @staticmethod
     def bins(image: ByteImage) -> Uint16Array:
         """(h, w) uint16 bin of every pixel of an image (h, w, 3) uint8 RGB."""
-        red, green, blue = ((image[..., k] >> 3).astype(np.uint16) for k in range(3))
-        return np.asarray((red << 10) | (green << 5) | blue, np.uint16)
+        return _bins(image)
 
     def learn(self, inside: IntArray | Uint16Array, outside: IntArray | Uint16Array) -> None:
         """Take in the bins (n,) of pixels of the part and (m,) of its background; nothing where either is empty."""
@@ -86,6 +86,18 @@ class RegionColours:
         most = np.float32(np.log(sure / (1.0 - sure)))
         # The odds of f / (f + b) are f / b.
         self.log_odds = np.clip(np.log((self._foreground + least) / (self._background + least)), -most, most)
+
+
+@kernel("u2[:, ::1](u1[:, :, :])")
+def _bins(image: ByteImage) -> Uint16Array:
+    """In one pass: on the per-frame path."""
+    height, width, _ = image.shape
+    found = np.empty((height, width), np.uint16)
+    for row in range(height):
+        for column in range(width):
+            red, green, blue = image[row, column, 0] >> 3, image[row, column, 1] >> 3, image[row, column, 2] >> 3
+            found[row, column] = (red << 10) | (green << 5) | blue
+    return found
 
 
 def _counts(bins: IntArray | Uint16Array) -> Float32Array:

@@ -17,6 +17,7 @@ from acp_lab.errors import PreparationError
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, VisibleSamples, project_samples
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.generator.painted.image_generator import PointSet
+from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
@@ -35,17 +36,20 @@ class CadSamples:
         generator: "learned" (the visibility network), "templates", or "best": the first of these that is prepared.
         inset_outlines: draw outlines inside the CAD's by what broken edges take off (not in the paper); leave it off
             where the method learns the offsets of its samples.
+        outlines_only: leave out all edges that are no silhouette, for methods that look at nothing else.
     """
 
     kind: ClassVar[str] = "cad-samples"
     knows_samples: ClassVar[bool] = True
     generator: Literal["best", "learned", "templates"] = "best"
     inset_outlines: bool = False
+    outlines_only: bool = False
 
     def open(self, model: PreparedPart, point_set: PointSet) -> RigidSource:
         """The source of a part; PreparationError when the generator is not prepared."""
         generator = _rigid_generator(model, self.generator)
-        return RigidSource(generator, outline_inset_mm(model) if self.inset_outlines else 0.0)
+        inset_mm = outline_inset_mm(model) if self.inset_outlines else 0.0
+        return RigidSource(generator, inset_mm, self.outlines_only)
 
 
 class RigidSource:
@@ -53,18 +57,25 @@ class RigidSource:
 
     knows_samples = True
 
-    def __init__(self, generator: RigidGenerator, inset_mm: float) -> None:
+    def __init__(self, generator: RigidGenerator, inset_mm: float, outlines_only: bool = False) -> None:
         self.name = generator.name
         self.regions = generator.regions
         self.canonical_size = CANONICAL_SIZE
         self._generator = generator
-        self._inset_mm = inset_mm
+        self._inset_mm, self._outlines_only = inset_mm, outlines_only
         self.is_exact = not inset_mm
 
     def generate(self, at: Estimate, count: int) -> GeneratedEdges:
         """The edges of an estimate."""
         pose = at.cam_T_obj
-        visible = self._generator.visible(pose, at.view.region, count)
+        if self._outlines_only and isinstance(self._generator, TemplateGenerator):
+            visible = self._generator.outlines(pose, count)
+        elif self._outlines_only:
+            visible = self._generator.visible(pose, at.view.region, len(self._generator.edges))
+            rows = np.flatnonzero(visible.outline)[:count]
+            visible = VisibleSamples(visible.ids[rows], visible.outline[rows], visible.weights[rows])
+        else:
+            visible = self._generator.visible(pose, at.view.region, count)
         return project_inset(self._generator.edges, visible, at.view, pose, self._inset_mm)
 
     def reproject(self, at: Estimate, edges: GeneratedEdges) -> GeneratedEdges:

@@ -1,0 +1,10 @@
+"""The comparison lab: methods and outside trackers on the same frames, by one protocol.
+
+    protocol    what a run is: a data set's object, a method, a start, a frame step, resets
+    runner      one run, frame by frame
+    record      what is kept of it, one file per run
+    spread      many runs, over processes or a cluster
+    outside     results files of other trackers as runs
+    tables      scores per group, intervals, paired differences
+    peers       the trackers of the paper's tables, and where their rows come from
+"""

@@ -1,0 +1,181 @@
+"""A bench in files: CSV, JSON and Markdown. The HTML page, with plots and pictures, is `display.bench_page`."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from acp_lab.bench.peers import PAPER_TABLES, reported, stands_for
+from acp_lab.bench.protocol import Variant
+from acp_lab.bench.record import Run
+from acp_lab.bench.tables import ALL, LIMITS, Row, table
+from acp_lab.evaluation.bootstrap import Interval
+from acp_lab.evaluation.paper_tables import Table
+from acp_lab.files import write_whole
+from acp_lab.sequences.json_file import write_json
+from acp_lab.sequences.results_csv import ResultsWriter
+
+HEAD = (
+    "method", "sequences", "runs", "@2%", "@5%", "@10%", "AUC %", "5cm5° %", "rot °", "trans mm", "until lost", "lost",
+    "resets", "ms", "ms 95%", "MB",
+)  # fmt: skip
+MARKS = {"better": " ▲", "worse": " ▼", "tie": " ="}
+LEGEND = (
+    "Shares in percent: mean over sequences, 95% bootstrap interval in brackets. ▲ better, ▼ worse than the first "
+    "method, = tie: the interval of the paired difference holds 0. rot, trans: medians over frames. until lost: frames "
+    "before ADD exceeds 30% of the diameter, mean over runs. ms: CPU of one thread per frame that is not lost (of "
+    "outside trackers what their files tell). MB: the most that the process held."
+)
+
+
+@dataclass(frozen=True)
+class Report:
+    """All of a bench: its runs and the rows made of them. machine: that it ran on, told beside times."""
+
+    runs: tuple[Run, ...]
+    rows: tuple[Row, ...]
+    machine: str
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], machine: str) -> Report:
+        """The report of some runs; the first one's method is what others are held against."""
+        return cls(tuple(runs), table(runs), machine)
+
+    @property
+    def methods(self) -> list[str]:
+        """Names, in the order of the runs."""
+        return list(dict.fromkeys(run.method for run in self.runs))
+
+    def __str__(self) -> str:
+        columns = ("method", "runs", "@2%", "@5%", "@10%", "until lost", "ms")
+        kept = [HEAD.index(name) for name in columns]
+        lines = []
+        for group, how, rows in self.blocks():
+            table = [HEAD, *(cells(row) for row in rows)]
+            widths = [max(len(row[place]) for row in table) for place in kept]
+            lines += [f"{group}: {how}"]
+            lines += ["  ".join(row[p].ljust(w) for p, w in zip(kept, widths, strict=True)).rstrip() for row in table]
+        return "\n".join(lines)
+
+    def blocks(self) -> Iterator[tuple[str, str, list[Row]]]:
+        """(group, variant, rows) of each table."""
+        for (group, how), rows in groupby(self.rows, key=lambda row: (row.group, str(_shared(row.variant)))):
+            yield group, how, list(rows)
+
+    def write(self, folder: Path) -> None:
+        """bench.csv, bench.json, bench.md, and the poses as results/METHOD__DATASET.csv; InputFileError."""
+        write_whole(folder / "bench.csv", _csv(self).encode(), "the table")
+        write_json(folder / "bench.json", {"machine": self.machine, "methods": self.methods, "rows": flat_rows(self)})
+        write_whole(folder / "bench.md", markdown(self).encode(), "the tables")
+        _write_poses(self.runs, folder / "results")
+
+
+def markdown(report: Report) -> str:
+    """All tables in Markdown."""
+    lines = ["# Trackers side by side", "", LEGEND, "", f"Machine: {report.machine}", ""]
+    for group, how, rows in report.blocks():
+        lines += [f"## {group}: {how}", "", f"| {' | '.join(HEAD)} |", "|---" * len(HEAD) + "|"]
+        lines += [f"| {' | '.join(cells(row))} |" for row in rows] + [""]
+    for paper in PAPER_TABLES:
+        lines += [f"## {paper.data}", "", "| method | reported @2% | reported @5% | here | @2% | @5% | where from |"]
+        lines += ["|---" * 7 + "|"] + [f"| {' | '.join(line)} |" for line in paper_lines(paper, report)] + [""]
+    return "\n".join(lines)
+
+
+def cells(row: Row) -> list[str]:
+    """A row as text, in the order of `HEAD`."""
+    marks = [MARKS[verdict] for verdict in row.verdicts] or [""] * len(LIMITS)
+    recalls = [percent(interval) + mark for interval, mark in zip(row.recalls, marks, strict=True)]
+    scores = row.pooled
+    return [
+        row.method, str(row.sequences), str(row.runs), *recalls, _number(100 * scores.auc_10pct, 1),
+        _number(100 * scores.cm5deg5, 1), _number(scores.rot_deg_median, 2), _number(scores.trans_mm_median, 2),
+        _number(row.until_lost, 1), f"{row.lost}", f"{row.resets}", _number(row.ms_median, 1), _number(row.ms_95, 1),
+        _number(row.memory_mb, 0),
+    ]  # fmt: skip
+
+
+def paper_lines(paper: Table, report: Report) -> list[list[str]]:
+    """The rows of one of the paper's tables, ours beside: method, reported @2 and @5, ours, its @2 and @5, where from.
+
+    Reported numbers are means over the paper's groups, on the paper's images, and must not be subtracted from ours.
+    """
+    plain = [row for row in report.rows if row.variant.group == Variant().group and not row.variant.resets]
+    group = ALL if any(row.group == ALL for row in plain) else next((row.group for row in plain), "")
+    lines = []
+    for peer, row in reported(paper):
+        ours = stands_for(peer, report.methods)
+        found = next((r for r in plain if r.group == group and r.method == ours), None)
+        here = ["-", "-", "-"] if found is None else [found.method, *(percent(r) for r in found.recalls[:2])]
+        means = [_number(100 * mean, 1) for mean in (row.mean_2, row.mean_5)]
+        lines.append([peer.name, *means, *here, peer.where])
+    return lines
+
+
+def flat_rows(report: Report) -> list[dict[str, Any]]:
+    """Every row as plain named values, None where a number is not known."""
+    return [{name: _plain(value) for name, value in _flat(row)} for row in report.rows]
+
+
+def percent(interval: Interval) -> str:
+    """An interval of shares in percent."""
+    return f"{100 * interval.mean:.1f} [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+
+
+def _flat(row: Row) -> Iterator[tuple[str, Any]]:
+    how = row.variant
+    yield from (("group", row.group), ("step", how.step), ("noise_deg", how.noise_deg), ("noise_mm", how.noise_mm))
+    yield from (("with_resets", how.resets), ("method", row.method), ("sequences", row.sequences), ("runs", row.runs))
+    for limit, interval in zip(LIMITS, row.recalls, strict=True):
+        yield from _interval(f"mean_recall_{100 * limit:g}", interval)
+    yield from asdict(row.pooled).items()
+    yield from (("until_lost_mean", row.until_lost), ("lost_runs", row.lost), ("resets", row.resets))
+    yield from (("ms_median", row.ms_median), ("ms_95", row.ms_95), ("memory_mb", row.memory_mb))
+    yield from (("width", row.size[0]), ("height", row.size[1]), ("threads", row.threads))
+    nothing = Interval(math.nan, math.nan, math.nan)
+    for place, limit in enumerate(LIMITS):
+        yield from _interval(f"gain_{100 * limit:g}", row.against[place] if row.against else nothing)
+        yield f"gain_{100 * limit:g}_is", row.verdicts[place] if row.against else ""
+
+
+def _interval(name: str, interval: Interval) -> Iterator[tuple[str, float]]:
+    yield from ((name, interval.mean), (f"{name}_low", interval.low), (f"{name}_high", interval.high))
+
+
+def _csv(report: Report) -> str:
+    rows, text = flat_rows(report), io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if rows else ["group"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _write_poses(runs: Sequence[Run], folder: Path) -> None:
+    """In the BOP results format, of runs from truth on every frame; they serve as --results-from again."""
+    by_file: dict[str, list[Run]] = {}
+    for run in runs:
+        if run.variant == Variant() and not run.sequence.instance:
+            by_file.setdefault(f"{run.method.replace(' ', '_')}__{run.sequence.dataset}.csv", []).append(run)
+    for name, members in by_file.items():
+        with ResultsWriter(folder / name) as results:
+            for row in sorted((row for run in members for row in run.rows), key=lambda row: row.key):
+                results.append(row)
+
+
+def _shared(variant: Variant) -> Variant:
+    """The variant without its seed."""
+    return Variant(variant.step, variant.noise_deg, variant.noise_mm, 0, variant.resets)
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"

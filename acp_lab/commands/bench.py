@@ -1,0 +1,289 @@
+"""`acp-lab bench`: methods and outside trackers on the same frames, as tables and one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from acp_lab.errors import AcpLabError, InputFileError, ParameterError, PreparationError
+
+if TYPE_CHECKING:
+    from acp_lab.bench.protocol import SequenceKey, Task, Variant
+    from acp_lab.bench.record import Run
+    from acp_lab.bench.report import Report
+    from acp_lab.display.bench_page import Thumbnail
+    from acp_lab.tracking.method import Method
+
+MOST_SEEDS, MOST_WORKERS = 1000, 256
+_REPLAY_MB = 30.0
+# Per method and per page: a page should open at once.
+_MOST_THUMBNAILS, _MOST_REPLAYS = 3, 8
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What to compare, on what: the one argument of `run_bench`.
+
+    Attributes:
+        datasets: in the BOP layout; none for the sample. methods: names, split by commas.
+        out: where everything goes. parts: prepared parts, one folder per data set; None for out/parts.
+        results_from: of outside trackers. noise: "D,M" each, degrees and mm, with `seeds` directions each.
+        steps: frame steps, split by commas. resets: whether lost parts are started again.
+        split: the data sets' folder of scenes. scheduler: address of a dask scheduler. jobs: processes here.
+        install_peers: make the environment of RAPID, OLS and GOS first.
+
+    Raises:
+        ParameterError: a setting that makes no sense.
+    """
+
+    datasets: tuple[Path, ...]
+    methods: str
+    out: Path
+    parts: Path | None = None
+    results_from: tuple[Path, ...] = ()
+    noise: tuple[str, ...] = ()
+    seeds: int = 20
+    steps: str = "1"
+    resets: bool = False
+    split: str = "test"
+    scheduler: str | None = None
+    jobs: int = 1
+    install_peers: bool = False
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.seeds <= MOST_SEEDS:
+            raise ParameterError(f"--seeds {self.seeds}: give 1 to {MOST_SEEDS}")
+        if not 1 <= self.jobs <= MOST_WORKERS:
+            raise ParameterError(f"--jobs {self.jobs}: give 1 to {MOST_WORKERS}")
+        if self.out.exists() and not self.out.is_dir():
+            raise InputFileError(f"{self.out}: is a file: --out needs a folder")
+
+    def variants(self) -> list[Variant]:
+        """How every sequence is run: from truth and from each disturbed start, with every frame step."""
+        from acp_lab.bench.protocol import Variant
+
+        starts = [(0.0, 0.0, 0)]
+        for text in self.noise:
+            degrees, mm = _two_numbers(text)
+            starts += [(degrees, mm, seed) for seed in range(self.seeds)]
+        steps = _whole_numbers(self.steps)
+        return [Variant(step, *start, self.resets) for step in steps for start in starts]
+
+    def chosen_methods(self) -> list[Method | str]:
+        """The methods, and names of trackers of cv2.rapid; ParameterError for a name that is neither."""
+        from acp_lab.bench.rapid.tracker import NAMES
+        from acp_lab.tracking.method import METHODS
+
+        names = list(dict.fromkeys(name.strip() for name in self.methods.split(",") if name.strip()))
+        unknown = [name for name in names if name not in METHODS and name not in NAMES]
+        if unknown:
+            raise ParameterError(
+                f"--methods {unknown[0]}: no such method: there are {', '.join((*METHODS, *NAMES))}; others come by "
+                "--results-from"
+            )
+        return [METHODS.get(name, name) for name in names]
+
+
+def run_bench(options: BenchOptions) -> None:
+    """Run everything that is missing, and write tables, page, pictures and replays; print the tables' heads."""
+    from acp_lab.bench.outside import outside_runs, roots_by_name
+    from acp_lab.bench.report import Report
+    from acp_lab.commands.machine import cores, cpu_model
+    from acp_lab.locks import only_writer
+    from acp_lab.sample import sample_dataset
+
+    variants, methods = options.variants(), options.chosen_methods()
+    if options.install_peers:
+        _install_peers()
+    roots = roots_by_name(options.datasets or (sample_dataset(),))
+    outside = [run for path in options.results_from for run in outside_runs(path, roots, options.split)]
+    if not methods and not outside:
+        raise ParameterError("nothing to compare: give --methods, or --results-from")
+    taken = {_name(method) for method in methods} & {run.method for run in outside}
+    if taken:
+        raise ParameterError(f"--results-from: {taken.pop()} is one of --methods: rename the file")
+    sequences = {name: _sequences(root, options.split) for name, root in roots.items()}
+    parts = options.parts or options.out / "parts"
+    with only_writer(options.out / "bench.csv", "this bench"):
+        _prepare(roots, sequences, methods, parts, options.split)
+        tasks = _tasks(roots, sequences, methods, variants, parts, options.split)
+        runs = _run(tasks, options) + outside
+        if not any(len(run.frame_ids) for run in runs):
+            raise InputFileError(f"{next(iter(roots.values()))}: no frame but the first has truth: nothing to compare")
+        report = Report.of(runs, f"{cpu_model()}, {cores()} cores; one thread per run")
+        report.write(options.out)
+        _write_page(report, roots, tasks, options)
+    _print(report, options.out)
+
+
+def _sequences(root: Path, split: str) -> list[SequenceKey]:
+    from acp_lab.bench.runner import sequences_of
+
+    found = sequences_of(root, split)
+    if not found:
+        raise InputFileError(f"{root / split}: no first frame has truth: nothing to start from")
+    return found
+
+
+def _prepare(
+    roots: dict[str, Path],
+    sequences: dict[str, list[SequenceKey]],
+    methods: Sequence[Method | str],
+    parts: Path,
+    split: str,
+) -> None:
+    """Prepare what is not there, into one folder per data set."""
+    from acp_lab.bench.protocol import Variant, task_of
+    from acp_lab.bench.runner import check
+    from acp_lab.sequences.bop import BopDataset
+
+    for name, root in roots.items():
+        for object_id in dict.fromkeys(key.object_id for key in sequences[name]):
+            first = next(key for key in sequences[name] if key.object_id == object_id)
+            mesh = BopDataset(root).part_path(object_id)
+            for generator in dict.fromkeys(_generator_of(method) for method in methods):
+                try:
+                    for method in methods:
+                        if _generator_of(method) == generator:
+                            check(task_of(root, split, parts / name, first, method, Variant()))
+                except PreparationError:
+                    if not generator:
+                        raise
+                    _prepare_one(mesh, parts / name, generator)
+
+
+def _prepare_one(mesh: Path, out: Path, generator: str) -> None:
+    from acp_lab.bench.runner import forget_parts
+    from acp_lab.commands.prepare import prepare_parts
+    from acp_lab.prepared_part import PrepareOptions
+
+    print(f"Preparing {mesh.name} ({generator}; once, then kept) ...", flush=True)
+    prepare_parts([mesh], out, PrepareOptions(generator=generator))
+    forget_parts()
+
+
+def _install_peers() -> None:
+    from acp_lab.bench.rapid.environment import folder, install
+
+    print(f"Making {folder()} (once, then kept) ...", flush=True)
+    install()
+
+
+def _name(method: Method | str) -> str:
+    return method if isinstance(method, str) else method.name
+
+
+def _generator_of(method: Method | str) -> str:
+    """What a part must be prepared with; "" for nothing."""
+    from acp_lab.tracking.sources.rigid import CadSamples
+
+    if isinstance(method, str):
+        return ""
+    if isinstance(method.source, CadSamples):
+        return "templates" if method.source.generator == "templates" else "both"
+    return "autoencoder"
+
+
+def _tasks(
+    roots: dict[str, Path],
+    sequences: dict[str, list[SequenceKey]],
+    methods: Sequence[Method | str],
+    variants: Sequence[Variant],
+    parts: Path,
+    split: str,
+) -> list[Task]:
+    """What shares a sequence stands together, so that its frames are decoded once."""
+    from acp_lab.bench.protocol import task_of
+
+    return [
+        task_of(root, split, parts / name, key, method, variant)
+        for name, root in roots.items()
+        for key in sequences[name]
+        for method in methods
+        for variant in variants
+    ]
+
+
+def _run(tasks: list[Task], options: BenchOptions) -> list[Run]:
+    from acp_lab.bench.spread import complete
+    from acp_lab.commands import interrupt
+    from acp_lab.commands.console import Progress
+
+    with Progress() as bar:
+
+        def progress(done: int, total: int) -> None:
+            interrupt.check()
+            bar("runs", done, total)
+
+        runs = complete(
+            tasks, options.out / "runs", workers=options.jobs, scheduler=options.scheduler, progress=progress
+        )
+    order = {name: place for place, name in enumerate(options.methods.split(","))}
+    return sorted(runs, key=lambda run: order.get(run.method, len(order)))
+
+
+def _write_page(report: Report, roots: dict[str, Path], tasks: list[Task], options: BenchOptions) -> None:
+    from acp_lab.display.bench_page import failures, thumbnail, write_page
+
+    worst = failures(report.runs, _MOST_THUMBNAILS)
+    pictures: list[Thumbnail] = []
+    for run in worst:
+        picture = thumbnail(run, roots[run.sequence.dataset], options.split)
+        pictures += [] if picture is None else [picture]
+    write_page(report, options.out / "index.html", pictures, _replays(report, worst, tasks, options.out / "replays"))
+
+
+def _replays(report: Report, worst: list[Run], tasks: list[Task], folder: Path) -> dict[str, Path]:
+    """A replay of each method's worst run, or of its first where none went badly; outside trackers have none."""
+    from acp_lab.bench.runner import watch
+    from acp_lab.commands.console import Progress
+    from acp_lab.display.replay.recorder import Replay
+
+    by_key = {(task.method_name, task.sequence, task.variant): task for task in tasks}
+    found: dict[str, Path] = {}
+    with Progress() as bar:
+        for number, method in enumerate(report.methods):
+            own = [run for run in (*worst, *report.runs) if run.method == method and not run.variant.resets]
+            run = next((run for run in own if (method, run.sequence, run.variant) in by_key), None)
+            if run is None or len(found) == _MOST_REPLAYS:
+                continue
+            task = by_key[method, run.sequence, run.variant]
+            path = folder / f"{Path(task.file_name).stem}--{task.state}.rrd"
+            if not path.exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                try:
+                    watch(task, [Replay(path, most_mb=_REPLAY_MB)])
+                except AcpLabError:  # a start that is refused leaves nothing to see
+                    continue
+            bar("replays", number + 1, len(report.methods))
+            found[f"{method}: {run.sequence}, {run.variant}"] = path
+    return found
+
+
+def _print(report: Report, out: Path) -> None:
+    for group, how, rows in report.blocks():
+        print(f"{group}: {how}")
+        for row in rows:
+            compared = row.verdicts[1] if row.verdicts else ""
+            shares = "  ".join(f"{100 * interval.mean:5.1f}" for interval in row.recalls)
+            lost = f"{row.lost} of {row.runs} lost"
+            print(f"  {row.method:<20} @2/5/10% {shares}  {row.ms_median:6.1f} ms  {lost}  {compared}".rstrip())
+    print(f"{out / 'index.html'}: tables, plots, failures; bench.csv, bench.json, bench.md and results/ beside it")
+
+
+def _two_numbers(text: str) -> tuple[float, float]:
+    words = text.split(",")
+    try:
+        degrees, mm = map(float, words)
+    except ValueError:
+        raise ParameterError(f"--noise {text}: give degrees and mm, as 2,2") from None
+    return degrees, mm
+
+
+def _whole_numbers(text: str) -> list[int]:
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isascii() and word.isdigit() and len(word) < 9 for word in words):
+        raise ParameterError(f"--steps {text}: give whole numbers, as 1,2")
+    return list(dict.fromkeys(map(int, words)))

@@ -1,0 +1,119 @@
+"""Plots of a bench: accuracy curves, accuracy against time, and how it falls with worse starts and larger steps."""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from acp_lab.bench.protocol import Variant
+from acp_lab.bench.record import Run
+from acp_lab.bench.tables import ALL, Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MOST_PERCENT = 10.0
+
+
+def bench_figure(runs: Sequence[Run], rows: Sequence[Row]) -> Figure:
+    """Four panels in one figure; those without anything to show say what would fill them."""
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=(11.0, 7.0), layout="constrained")
+    curves, times, noises, steps = figure.subplots(2, 2).ravel()
+    draw_curves(curves, runs)
+    draw_times(times, rows)
+    draw_against(noises, rows, "noise_deg", "how far the start is off, degrees", "give --noise to see this")
+    draw_against(steps, rows, "step", "one of n frames used", "give --steps to see this")
+    handles, labels = curves.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6), frameon=False)
+    return figure
+
+
+def figure_svg(figure: Figure) -> str:
+    """A figure as the text of an <svg>, the same on every run; its letters stay letters."""
+    import matplotlib as mpl
+
+    # Where a font is missing another one is taken; nobody has to hear of each.
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
+    text = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "acp_lab"}):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    drawn = text.getvalue()
+    return drawn[drawn.index("<svg") :]
+
+
+def draw_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None = None) -> None:
+    """Share of frames within a limit of ADD(-S), over the limit; runs of a variant, whatever their seeds.
+
+    variant: from truth on every frame, without resets, by default.
+    """
+    how = (variant or Variant()).group
+    limits = np.linspace(0.0, _MOST_PERCENT, 101)
+    for number, method in enumerate(_methods(runs)):
+        own = [run.distance for run in runs if run.method == method and run.variant.group == how]
+        if own:
+            errors = 100.0 * np.concatenate(own)
+            shares = [(errors < limit).mean() for limit in limits]
+            axes.plot(limits, shares, label=method, color=f"C{number}")
+    axes.set(xlabel="limit of ADD(-S), % of the diameter", ylabel="share of frames", ylim=(-0.02, 1.02))
+    axes.set_title(f"accuracy, {variant or 'from truth'}")
+    axes.grid(alpha=0.3)
+
+
+def draw_times(axes: Axes, rows: Sequence[Row]) -> None:
+    """Recall at 5% against milliseconds per frame, all data together."""
+    for number, row in enumerate(_overall(rows)):
+        if np.isfinite(row.ms_median):
+            axes.plot(row.ms_median, row.recalls[1].mean, "o", color=f"C{number}")
+            axes.annotate(row.method, (row.ms_median, row.recalls[1].mean), xytext=(5, 5), textcoords="offset points")
+    axes.set(xlabel="ms per frame, median", ylabel="@5%", ylim=(-0.02, 1.08), xlim=(0.0, None))
+    axes.margins(x=0.2)
+    axes.set_title("accuracy and time")
+    axes.grid(alpha=0.3)
+
+
+def draw_against(axes: Axes, rows: Sequence[Row], setting: str, name: str, otherwise: str) -> None:
+    """Recall at 5% with its interval over one setting of the variants, the others being as they are by default."""
+    group = _group(rows)
+    chosen = [row for row in rows if row.group == group and _only(row.variant, setting)]
+    methods = list(dict.fromkeys(row.method for row in rows))
+    if len({getattr(row.variant, setting) for row in chosen}) < 2:
+        axes.text(0.5, 0.5, otherwise, ha="center", va="center", transform=axes.transAxes, color="0.5")
+        axes.set_axis_off()
+        return
+    for number, method in enumerate(methods):
+        own = [row for row in chosen if row.method == method]
+        at = [getattr(row.variant, setting) for row in own]
+        middle = np.array([row.recalls[1].mean for row in own])
+        spans = np.array([(row.recalls[1].low, row.recalls[1].high) for row in own]).reshape(-1, 2).T
+        axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=f"C{number}")
+    axes.set(xlabel=name, ylabel="@5%", ylim=(-0.02, 1.02))
+    axes.set_title(f"@5%: {name}")
+    axes.grid(alpha=0.3)
+
+
+def _methods(runs: Sequence[Run]) -> list[str]:
+    return list(dict.fromkeys(run.method for run in runs))
+
+
+def _group(rows: Sequence[Row]) -> str:
+    return ALL if any(row.group == ALL for row in rows) else next((row.group for row in rows), "")
+
+
+def _overall(rows: Sequence[Row]) -> list[Row]:
+    """One row per method: all data, from truth, every frame, without resets."""
+    group = _group(rows)
+    return [row for row in rows if row.group == group and row.variant.group == Variant().group]
+
+
+def _only(variant: Variant, setting: str) -> bool:
+    plain = Variant()
+    others = {"step", "noise_deg", "resets"} - {setting}
+    return all(getattr(variant, name) == getattr(plain, name) for name in others)

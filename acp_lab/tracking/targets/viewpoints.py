@@ -1,0 +1,64 @@
+"""The sparse viewpoint model of a region tracker: per view of the part, how far its outline's lines are free.
+
+A correspondence line is of use where there is part behind the outline and background before it, as far as the line
+reaches. That changes slowly with the view, so it is kept per view of a sphere and per outline sample, in mm, and taken
+from the nearest view (Stoiber et al., "SRT3D", IJCV 2022, section 3.2, who render all views beforehand). Here rays
+answer, when a view is met for the first time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from acp_lab.cad.raycast import RayCaster
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.tracking.frame_view import Estimate
+
+# 642 views, some 8 degrees apart: lengths need not be exact, and rays for a new view are the dearest part of a frame.
+_SUBDIVISIONS = 3
+
+
+class SparseViews:
+    """Free lengths of outline samples, by view."""
+
+    def __init__(
+        self, samples: int, box_centre: FloatArray, caster: RayCaster, reach_px: float, step_px: float
+    ) -> None:
+        """samples: of the part; lines are looked along up to `reach_px` on both sides, in steps."""
+        self._views_obj = np.asarray(trimesh.creation.icosphere(subdivisions=_SUBDIVISIONS).vertices, np.float64)
+        self._samples, self._box_centre, self._caster = samples, box_centre, caster
+        self._way_px = np.arange(step_px, reach_px + 0.1, step_px)
+        self._free_mm: dict[int, FloatArray] = {}
+
+    def free_px(
+        self, ids: IntArray, points: FloatArray, outward: FloatArray, px_per_mm: FloatArray, at: Estimate
+    ) -> FloatArray:
+        """(2, n) px from outline samples to where the part ends inwards, and begins again outwards.
+
+        ids: (n,) samples; points: (n, 2) px, theirs; outward: (n, 2) unit; px_per_mm: (n,) scale across the outline.
+        """
+        eye_obj = eye_position(at.cam_T_obj) - self._box_centre
+        view = int(np.argmax(self._views_obj @ eye_obj))
+        known = self._free_mm.get(view)
+        if known is None:
+            known = self._free_mm[view] = np.full((2, self._samples), np.nan)
+        asked = np.flatnonzero(np.isnan(known[0, ids]))
+        if len(asked):
+            free_px = self._cast(points[asked], outward[asked], at)
+            known[:, ids[asked]] = free_px / np.maximum(px_per_mm[asked], 1e-9)
+        return known[:, ids] * px_per_mm
+
+    def _cast(self, points: FloatArray, outward: FloatArray, at: Estimate) -> FloatArray:
+        way = np.concatenate([-self._way_px, self._way_px])
+        pose, camera = at.cam_T_obj, at.view.camera
+        # A px outwards adds the same to every viewing direction of a line.
+        first = camera.rays(points) @ pose[:3, :3]
+        added = (outward / (camera.fx, camera.fy)) @ pose[:2, :3]
+        rays_obj = (first[:, None] + way[:, None] * added[:, None]).reshape(-1, 3)
+        eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
+        hit = self._caster.occluded(eye, rays_obj, 1e9).reshape(len(points), 2, len(self._way_px))
+        # As far as the part reaches without a gap inwards, and the background outwards.
+        steps = np.stack([np.cumprod(hit[:, 0], axis=1).sum(1), np.cumprod(~hit[:, 1], axis=1).sum(1)])
+        return np.asarray(self._way_px[0] * steps, np.float64)

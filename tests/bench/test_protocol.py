@@ -1,0 +1,98 @@
+"""Tasks in plain values, files of runs, and which instance is which."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acp_lab.bench.protocol import SequenceKey, Task, Variant, dataset_name, task_of
+from acp_lab.bench.record import read_run
+from acp_lab.errors import InputFileError, ParameterError, SequenceError
+from acp_lab.geometry.pose import make_pose
+from acp_lab.sample import sample_dataset
+from acp_lab.sequences.scene_truth import SceneTruth, instance_truths
+from acp_lab.tracking.method import ACP, METHODS
+from tests.bench.made_runs import made_run
+
+KEY = SequenceKey("sample", 1, 1)
+
+
+def sample_task(variant: Variant | None = None) -> Task:
+    return task_of(sample_dataset(), "test", Path("parts"), KEY, ACP, variant or Variant())
+
+
+def test_a_task_survives_the_way_to_another_process() -> None:
+    task = sample_task(Variant(2, 5.0, 5.0, 3, True))
+    again = Task.from_json(task.to_json())
+    assert again == task
+    assert again.settings() == ACP
+    assert again.sequence == KEY
+
+
+def test_every_task_has_a_file_of_its_own() -> None:
+    variants = [Variant(), Variant(2), Variant(1, 2.0, 2.0), Variant(1, 2.0, 2.0, 1), Variant(resets=True)]
+    tasks = [sample_task(variant) for variant in variants]
+    tasks += [replace(tasks[0], method_name="other"), replace(tasks[0], instance=1), replace(tasks[0], scene_id=2)]
+    assert len({task.file_name for task in tasks}) == len(tasks)
+
+
+def test_other_settings_are_another_state() -> None:
+    tasks = [task_of(sample_dataset(), "test", Path("parts"), KEY, method, Variant()) for method in METHODS.values()]
+    assert len({task.state for task in tasks}) == len(METHODS)
+
+
+def test_the_sample_is_called_sample() -> None:
+    assert dataset_name(sample_dataset()) == "sample"
+
+
+@pytest.mark.parametrize("values", [{"step": 0}, {"noise_deg": 181.0}, {"noise_mm": math.nan}, {"noise_deg": -1.0}])
+def test_variants_that_make_no_sense(values: dict[str, float]) -> None:
+    with pytest.raises(ParameterError):
+        Variant(**values)  # type: ignore[arg-type]
+
+
+def test_a_run_survives_its_file(tmp_path: Path) -> None:
+    run = made_run([0.01, math.inf, 0.2], resets=(3,))
+    path = tmp_path / "runs" / "one.json"
+    run.write(path)
+    again = read_run(path)
+    assert again is not None
+    for name in ("distance", "rotation_deg", "ms", "scores", "poses"):
+        np.testing.assert_allclose(getattr(again, name), getattr(run, name), atol=1e-9)
+    assert (again.sequence, again.variant, again.resets) == (run.sequence, run.variant, (3,))
+    assert [path.name for path in path.parent.iterdir()] == ["one.json"]
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"format": 0}', "[]", '{"format": 1, "frame_ids": [1]}'])
+def test_a_file_that_is_no_run_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "x.json").write_text(text)
+    with pytest.raises(InputFileError, match=r"x\.json"):
+        read_run(tmp_path / "x.json")
+
+
+def test_instances_are_followed_from_their_first_places_whatever_their_order(tmp_path: Path) -> None:
+    def entry(x_mm: float) -> dict[str, object]:
+        return {"obj_id": 7, "cam_R_m2c": np.eye(3).ravel().tolist(), "cam_t_m2c": [x_mm, 0.0, 500.0]}
+
+    places = ((-50, 50), (40, -40), (-30,), (20, -20))
+    truth = {str(image): [entry(x_mm) for x_mm in of_image] for image, of_image in enumerate(places)}
+    path = tmp_path / "scene_gt.json"
+    path.write_text(json.dumps(truth))
+    with pytest.raises(SequenceError, match="more than once"):
+        SceneTruth.from_file(path)
+    first, second = instance_truths(path)[7]
+    np.testing.assert_allclose([first.pose(i, 7)[0, 3] for i in range(4)], [-50, -40, -30, -20])  # type: ignore[index]
+    np.testing.assert_allclose([second.pose(i, 7)[0, 3] for i in (0, 1, 3)], [50, 40, 20])  # type: ignore[index]
+    assert second.pose(2, 7) is None
+
+
+def test_rows_of_a_run_leave_out_frames_without_a_pose() -> None:
+    run = made_run([0.01, 0.02, 0.03])
+    run.poses[1] = math.nan
+    assert [row.im_id for row in run.rows] == [1, 3]
+    np.testing.assert_allclose(run.rows[0].cam_T_obj, make_pose(np.eye(3), np.array([0.0, 0.0, 500.0])))

@@ -1,0 +1,129 @@
+"""`acp-lab bench` as it is typed: from data sets to a page, taken up again, and its one-line errors."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acp_lab.display.replay.file import check_replay
+from tests.cli_runner import assert_one_error, run
+from tests.commands.conftest import FRAME_IDS, edit_json, true_pose
+from tests.sequences.tiny_dataset import pose_entry, write_json
+
+
+@pytest.fixture
+def prepared(parts: Path, dataset: Path) -> Path:
+    """One folder of prepared parts per data set, as bench has them."""
+    (parts.parent / "all").mkdir()
+    return Path(shutil.move(parts, parts.parent / "all" / dataset.name)).parent
+
+
+def rows_of(out: Path) -> list[dict[str, str]]:
+    with (out / "bench.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_bench_from_data_to_page(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    theirs = tmp_path / "Theirs__data.csv"
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", out, "--jobs", "1")
+    assert run(capsys, *words).status == 0
+    shutil.copy(out / "results" / "acp-edges__data.csv", theirs)
+    more = ("--noise", "1,1", "--seeds", "2", "--steps", "1,2", "--results-from", theirs)
+    outcome = run(capsys, *words, *more)
+    assert (outcome.status, outcome.err) == (0, ""), outcome
+    rows = {(row["method"], row["step"], row["noise_deg"]): row for row in rows_of(out)}
+    assert set(rows) == {("acp-edges", step, noise) for step in "12" for noise in ("0.0", "1.0")} | {
+        ("Theirs", "1", "0.0")
+    }
+    ours, same = rows["acp-edges", "1", "0.0"], rows["Theirs", "1", "0.0"]
+    # What was exported and read again is the same tracker.
+    assert float(ours["mean_recall_5"]) == float(same["mean_recall_5"]) > 0.0
+    assert same["gain_5_is"] == "tie"
+    assert rows["acp-edges", "1", "1.0"]["runs"] == "4"
+    assert json.loads((out / "bench.json").read_text())["methods"] == ["acp-edges", "Theirs"]
+    assert "Theirs" in (out / "index.html").read_text(encoding="utf-8")
+    (replay,) = (out / "replays").glob("*.rrd")
+    assert check_replay(replay).is_complete
+
+
+def test_what_was_run_is_not_run_again(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", tmp_path / "out", "--jobs", "1")
+    assert run(capsys, *words).status == 0
+    before = rows_of(tmp_path / "out")
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("was run again")
+
+    monkeypatch.setattr("acp_lab.bench.runner.run", refuse)
+    monkeypatch.setattr("acp_lab.bench.spread.run_task", refuse)
+    assert run(capsys, *words).status == 0
+    assert rows_of(tmp_path / "out") == before
+
+
+def test_two_instances_of_one_part_are_two_sequences(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    # Both boxes are the same part now; every second image tells them in the other order.
+    truth = {}
+    for number, frame_id in enumerate(FRAME_IDS):
+        both = [pose_entry(true_pose(frame_id, shown), 1) for shown in (1, 4)]
+        truth[str(frame_id)] = both[:: 1 if number % 2 else -1]
+    write_json(dataset / "test" / "000001" / "scene_gt.json", truth)
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", tmp_path / "out", "--jobs", "1")
+    assert run(capsys, *words).status == 0
+    (row,) = rows_of(tmp_path / "out")
+    assert (row["sequences"], row["lost_runs"]) == ("2", "0")
+    places = []
+    for name in ("data-1-1--acp-edges--step1.json", "data-1-1-1--acp-edges--step1.json"):
+        kept = json.loads((tmp_path / "out" / "runs" / name).read_text())
+        places.append(np.array(kept["poses"]).reshape(-1, 3, 4)[:, 0, 3])
+    assert (places[0] > 20.0).all()
+    assert (places[1] < -20.0).all()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--results-from", "nowhere__data.csv"), "nowhere__data.csv"),
+        (("--results-from", "Theirs__other.csv"), "Theirs__DATASET.csv"),
+        (("--noise", "2;2"), "--noise 2;2"),
+        (("--noise", "200,1"), "--noise 200,1"),
+        (("--scheduler", "tcp://127.0.0.1:9"), "--scheduler tcp://127.0.0.1:9"),
+    ],
+)
+def test_bad_usage(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("acp_lab.bench.spread._CONNECT_S", 0.5)
+    common = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", "out")
+    assert_one_error(run(capsys, *common, *words), expected)
+    assert not (tmp_path / "out" / "bench.csv").exists()
+
+
+def test_a_data_set_without_truth_is_one_line(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    edit_json(dataset / "test" / "000001" / "scene_gt.json", lambda values: values.pop("0"))
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", tmp_path / "out")
+    assert_one_error(run(capsys, *words), "no first frame has truth")
+
+
+def test_a_name_that_is_a_method_and_a_file(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", tmp_path / "out", "--jobs", "1")
+    assert run(capsys, *words).status == 0
+    again = ("--results-from", tmp_path / "out" / "results" / "acp-edges__data.csv")
+    assert_one_error(run(capsys, *words, *again), "acp-edges", "rename the file")
