@@ -28,7 +28,6 @@ from acp_lab.errors import TrackingError  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.arrays import BoolArray, FloatArray  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
-from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.confidence import Confidence  # noqa: E402
@@ -42,8 +41,9 @@ from acp_lab.tracking.stopwatch import Stopwatch  # noqa: E402
 from acp_lab.tracking.targets.normals import NormalJudgement  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
+from benchmarks.recovery import covered  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, visible_frames  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
 
 RIGHT, WRONG = 0.05, 0.1
 RUNS = (("forwards", 0.0), ("backwards", 0.0), ("second", 0.0), ("forwards", 2.0), ("forwards", 5.0), ("covered", 0.0))
@@ -109,9 +109,7 @@ def main() -> None:
 
 def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
     object_id = scene.object_ids[0]
-    mesh = scene.dataset.part_path(object_id)
-    folder = parts / scene.dataset.name
-    model = PreparedPart.load((folder if folder.is_dir() else parts) / mesh.stem, mesh)
+    model = prepared_part_of(scene, parts)
     metric, rng = PartMetric(model.part, 500), np.random.default_rng(scene.scene_id)
     frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
     known = [frame for frame in frames if scene.truth(frame.index, object_id) is not None]
@@ -125,12 +123,13 @@ def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
         except TrackingError:
             continue
         for number, (frame, truth) in enumerate(zip(run, truths, strict=True)):
-            covered = order == "covered" and number % 12 in (5, 6, 7, 8)
+            hidden = order == "covered" and number % 12 in (5, 6, 7, 8)
             if number:
-                tracker.track(_covered(frame, truth, model) if covered else frame)
-            if tracker.solution is not None and (covered or visible[frame.index]):
+                box = crop_box(box_corners(model.part), truth, frame.camera, 15.0)
+                tracker.track(covered(frame, box, plain=True) if hidden else frame)
+            if tracker.solution is not None and (hidden or visible[frame.index]):
                 error = metric.share(tracker.solution.cam_T_obj, truth)
-                yield _seen("faults" if covered else "tracked", error, tracker.solution)
+                yield _seen("faults" if hidden else "tracked", error, tracker.solution)
                 if number % 4 == 0 and off == 0.0 and order in ("forwards", "backwards") and error < 0.03:
                     yield from _disturbed(tracker, frame, truth, metric, rng)
 
@@ -149,14 +148,6 @@ def _truth(scene: BopScene, frame: Frame, object_id: int) -> FloatArray:
     truth = scene.truth(frame.index, object_id)
     assert truth is not None
     return truth
-
-
-def _covered(frame: Frame, truth: FloatArray, model: PreparedPart) -> Frame:
-    box = crop_box(box_corners(model.part), truth, frame.camera, 15.0)
-    image = frame.image.copy()
-    if box is not None:
-        image[box[1] : box[3], box[0] : box[2]] = (150, 110, 60)
-    return replace(frame, image=image)
 
 
 def _disturbed(

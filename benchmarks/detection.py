@@ -22,11 +22,11 @@ import numpy as np  # noqa: E402
 
 from acp_lab.detection.config import DetectionConfig  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
-from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.find import Finder  # noqa: E402
 from benchmarks import measured  # noqa: E402
+from benchmarks.runs import prepared_part_of  # noqa: E402
 
 RIGHT = 0.1
 UNIT = {
@@ -91,9 +91,7 @@ def main() -> None:
 
 
 def _finder(scene: BopScene, parts: Path) -> Finder:
-    mesh = scene.dataset.part_path(scene.object_ids[0])
-    folder = parts / scene.dataset.name
-    model = PreparedPart.load((folder if folder.is_dir() else parts) / mesh.stem, mesh)
+    model = prepared_part_of(scene, parts)
     finder = Finder(model, DetectionConfig())
     finder.prepare()
     return finder

@@ -41,6 +41,7 @@ from acp_lab.tracking.method_file import read_method  # noqa: E402
 from acp_lab.tracking.result import TrackState  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
+from benchmarks.runs import prepared_part_of  # noqa: E402
 
 RIGHT, LOST = 0.1, 0.3
 STEADY = 5
@@ -123,9 +124,7 @@ def main() -> None:
 
 def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str]) -> Iterator[Return]:
     object_id = scene.object_ids[0]
-    mesh = scene.dataset.part_path(object_id)
-    folder = parts / scene.dataset.name
-    model = PreparedPart.load((folder if folder.is_dir() else parts) / mesh.stem, mesh)
+    model = prepared_part_of(scene, parts)
     metric = PartMetric(model.part, 500)
     frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
     truths = [scene.truth(frame.index, object_id) for frame in frames]
@@ -176,7 +175,7 @@ def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: 
     for number, row in enumerate(rows):
         frame, truth = known[row]
         if number in covers:
-            frame = _covered(frame, crop_box(corners, truth, frame.camera, 15.0), plain)
+            frame = covered(frame, crop_box(corners, truth, frame.camera, 15.0), plain)
         begin = time.process_time()
         result = tracker.track(frame)
         if result.state is TrackState.LOST:
@@ -190,7 +189,8 @@ def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: 
     return Return(walk.kind, walk.near, back, _longest(wrong), tuple(lost_ms))
 
 
-def _covered(frame: Frame, box: tuple[int, int, int, int] | None, plain: bool) -> Frame:
+def covered(frame: Frame, box: tuple[int, int, int, int] | None, plain: bool) -> Frame:
+    """A frame with a board over a box (x0, y0, x1, y1) px; plain, or else with the picture of what is beside it."""
     if box is None:
         return frame
     image = frame.image.copy()

@@ -28,6 +28,8 @@ from acp_lab.bench.protocol import digest  # noqa: E402
 from acp_lab.errors import InputFileError  # noqa: E402
 
 if TYPE_CHECKING:
+    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.sequences.bop import BopScene
     from acp_lab.tracking.method import Method
 
 ORDERS = {"forwards": slice(None), "backwards": slice(None, None, -1), "second": slice(None, None, 2),
@@ -212,6 +214,15 @@ def _prepared(root: Path, parts: Path, object_id: int) -> tuple[Any, Any]:
     mesh = BopDataset(root).part_path(object_id)
     model = PreparedPart.load(parts / mesh.stem, mesh)
     return model, PartMetric(model.part)
+
+
+def prepared_part_of(scene: BopScene, parts: Path) -> PreparedPart:
+    """The first object of a scene; parts: folder of prepared parts, or one folder of them per data set."""
+    from acp_lab.prepared_part import PreparedPart
+
+    mesh = scene.dataset.part_path(scene.object_ids[0])
+    folder = parts / scene.dataset.name
+    return PreparedPart.load((folder if folder.is_dir() else parts) / mesh.stem, mesh)
 
 
 def visible_frames(folder: Path, object_id: int, frame_ids: Iterable[int]) -> dict[int, bool]:

@@ -37,7 +37,6 @@ _RAY_STEP_PX = 3.0
 # Fewer lines say nothing.
 _LEAST_LINES = 6
 _MARGIN_RATE = 0.25
-_QUALITY_OF_MARGIN = 0.25
 
 
 @dataclass(frozen=True)
@@ -285,8 +284,8 @@ class RegionJudgement:
 
     @property
     def quality(self) -> float:
-        """A share of the margin, in [0, 1]: that colours end somewhere tells less than edges of the right shape."""
-        return _QUALITY_OF_MARGIN * max(self.score, 0.0)
+        """The margin where it is above 0."""
+        return max(self.score, 0.0)
 
     def learn(self, trusted: bool) -> None:
         """Take in colours, and where the boundary lies."""
