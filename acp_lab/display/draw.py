@@ -26,6 +26,7 @@ _OFFERED: dict[str, tuple[str, ...]] = {
     "plots.accuracy": ("draw_errors", "draw_recall", "draw_table"),
     "plots.ambiguity": ("ambiguity_figure", "draw_pair"),
     "plots.basin": ("basin_figure", "draw_basin", "draw_basin_curves"),
+    "plots.bench": ("bench_figure", "figure_svg", "draw_recall_curves", "draw_times", "draw_against"),
     "plots.diagnosis": ("Explanation", "explain"),
     "plots.edge_finding": ("profile", "draw_profile", "draw_finding"),
     "plots.finding": (
@@ -56,6 +57,8 @@ _OFFERED: dict[str, tuple[str, ...]] = {
     ),
     "plots.manipulation": ("draw_way", "draw_ways", "draw_growth"),
     "plots.motion": ("draw_two_poses", "draw_step"),
+    "plots.painting_bias": ("draw_painting_bias",),
+    "plots.pose_parameters": ("draw_pose_parameters", "draw_pose_errors"),
     "plots.redundancy": ("draw_view_tables", "draw_directions", "draw_drifts", "draw_descents"),
     "plots.sensitivity": (
         "sensitivity_figure",

@@ -26,7 +26,7 @@ def bench_figure(runs: Sequence[Run], rows: Sequence[Row]) -> Figure:
 
     figure = NewFigure(figsize=(11.0, 7.0), layout="constrained")
     curves, times, noises, steps = figure.subplots(2, 2).ravel()
-    draw_curves(curves, runs)
+    draw_recall_curves(curves, runs)
     draw_times(times, rows)
     draw_against(noises, rows, "noise_deg", "how far the start is off, degrees", "give --noise to see this")
     draw_against(steps, rows, "step", "one of n frames used", "give --steps to see this")
@@ -49,7 +49,7 @@ def figure_svg(figure: Figure) -> str:
     return drawn[drawn.index("<svg") :]
 
 
-def draw_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None = None) -> None:
+def draw_recall_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None = None) -> None:
     """Share of frames within a limit of ADD(-S), over the limit; runs of a variant, whatever their seeds.
 
     variant: from truth on every frame, without resets, by default.
