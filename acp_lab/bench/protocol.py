@@ -17,14 +17,16 @@ from typing import Any
 
 import acp_lab
 from acp_lab.errors import ParameterError
+from acp_lab.prepared_part import part_folder
 from acp_lab.sample import sample_dataset
+from acp_lab.sequences.bop import BopDataset
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.method_file import method_from_toml, to_toml
 
 LARGEST_STEP = 100
 _SOURCES = (
-    "bench/runner.py", "bench/rapid", "cad", "control_points", "evaluation", "generator", "geometry", "imaging",
-    "prepared_part", "sequences", "tracking",
+    "bench/runner.py", "bench/rapid", "cad", "compiled.py", "control_points", "detection", "evaluation", "generator",
+    "geometry", "imaging", "input_file.py", "prepared_part", "sequences", "tracking",
 )  # fmt: skip
 
 
@@ -110,8 +112,11 @@ class Task:
 
     @property
     def state(self) -> str:
-        """Changes with the method's settings, the place of the data and the sources that make runs."""
-        return digest(self.method, str(Path(self.dataset).resolve()), self.split)
+        """Changes with the method's settings, the place of the data, the prepared part and the sources of runs."""
+        mesh = BopDataset(self.dataset).part_path(self.object_id)
+        header = part_folder(Path(self.parts), mesh.stem) / "part.json"  # it holds the checksums of all files
+        part = header.read_text(encoding="utf-8") if self.method and header.exists() else ""
+        return digest(self.method, str(Path(self.dataset).resolve()), self.split, part)
 
     def to_json(self) -> str:
         """The task as text."""

@@ -1,9 +1,9 @@
 """Many runs, spread by dask.distributed: over the cores of this machine, or over a cluster whose workers read the data.
 
 What is kept is kept: each run is written as soon as it is there, by the process that asked, and taken up again as long
-as neither its method nor the sources changed. A worker that dies costs the runs that it had in hand, which another one
-does; a bench that is killed costs the same. Tasks and runs travel as JSON, so that results do not depend on who does
-them; what one process does is the same wherever it does it.
+as neither its method, its prepared part nor the sources changed. A worker that dies costs the runs that it had in hand,
+which another one does; a bench that is killed costs the same. Tasks and runs travel as JSON, so that results do not
+depend on who does them; what one process does is the same wherever it does it.
 
 Dask's processes speak over ports of 127.0.0.1 and run what they are sent, without asking who sends it: where others
 whom you do not trust work on the machine, one process (`workers=1`) opens none.
@@ -141,6 +141,10 @@ def _cluster(address: str) -> Iterator[Client]:
     with client:
         if not client.nthreads():
             raise ParameterError(f"--scheduler {address}: has no worker: start some with `dask worker {address}`")
+        if max(client.nthreads().values()) > 1:  # runs share what a process holds, such as the process of cv2.rapid
+            raise ParameterError(
+                f"--scheduler {address}: has workers of several threads: start them with `dask worker --nthreads 1`"
+            )
         yield client
 
 

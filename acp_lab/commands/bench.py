@@ -21,6 +21,8 @@ _REPLAY_MB = 30.0
 # Per method and per page: a page should open at once.
 _MOST_THUMBNAILS, _MOST_REPLAYS = 3, 8
 
+_RICHEST_FIRST = ("both", "autoencoder", "templates", "")
+"""Generators in the order in which they are prepared."""
 
 @dataclass(frozen=True)
 class BenchOptions:
@@ -67,9 +69,10 @@ class BenchOptions:
         starts = [(0.0, 0.0, 0)]
         for text in self.noise:
             degrees, mm = _two_numbers(text)
-            starts += [(degrees, mm, seed) for seed in range(self.seeds)]
+            if degrees or mm:  # else it is the truth once more
+                starts += [(degrees, mm, seed) for seed in range(self.seeds)]
         steps = _whole_numbers(self.steps)
-        return [Variant(step, *start, self.resets) for step in steps for start in starts]
+        return list(dict.fromkeys(Variant(step, *start, self.resets) for step in steps for start in starts))
 
     def chosen_methods(self) -> list[Method | str]:
         """The methods, and names of trackers of cv2.rapid; ParameterError for a name that is neither."""
@@ -143,7 +146,9 @@ def _prepare(
         for object_id in dict.fromkeys(key.object_id for key in sequences[name]):
             first = next(key for key in sequences[name] if key.object_id == object_id)
             mesh = BopDataset(root).part_path(object_id)
-            for generator in dict.fromkeys(_generator_of(method) for method in methods):
+            # The richest first: "both" holds templates, and a part with templates alone would do for a method that
+            # takes the best that is there.
+            for generator in sorted({_generator_of(method) for method in methods}, key=_RICHEST_FIRST.index):
                 try:
                     for method in methods:
                         if _generator_of(method) == generator:
@@ -220,7 +225,7 @@ def _run(tasks: list[Task], options: BenchOptions) -> list[Run]:
         runs = complete(
             tasks, options.out / "runs", workers=options.jobs, scheduler=options.scheduler, progress=progress
         )
-    order = {name: place for place, name in enumerate(options.methods.split(","))}
+    order = {name: place for place, name in enumerate(dict.fromkeys(task.method_name for task in tasks))}
     return sorted(runs, key=lambda run: order.get(run.method, len(order)))
 
 
@@ -256,7 +261,11 @@ def _replays(report: Report, worst: list[Run], tasks: list[Task], folder: Path) 
                 try:
                     watch(task, [Replay(path, most_mb=_REPLAY_MB)])
                 except AcpLabError:  # a start that is refused leaves nothing to see
+                    path.unlink(missing_ok=True)
                     continue
+                except BaseException:
+                    path.unlink(missing_ok=True)  # half a replay would be linked to next time
+                    raise
             bar("replays", number + 1, len(report.methods))
             found[f"{method}: {run.sequence}, {run.variant}"] = path
     return found

@@ -112,10 +112,15 @@ def _run(results: Path, options: ExplainOptions) -> TrackRun:
 
 
 def _states(info: Mapping[str, Any]) -> StateConfig:
-    """The run's own limits between tracking, weak and lost; the usual ones where they are not told."""
+    """The run's own limits between tracking, weak and lost; those of its method where they are not told."""
+    from acp_lab.tracking.method import METHODS
     from acp_lab.tracking.states import StateConfig
 
     told = (info.get("configuration") or {}).get("states") or {}
+    if not told and info.get("method") in METHODS:
+        return METHODS[info["method"]].states
+    if told:  # runs of before there was a proof went by one frame
+        told = {"proof": 1, **told}
     return StateConfig(**{item.name: told[item.name] for item in fields(StateConfig) if item.name in told})
 
 

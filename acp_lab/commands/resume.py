@@ -132,6 +132,8 @@ def _check_same(results: Path, inputs: Mapping[str, str]) -> None:
 
 
 def _frames_in_words(frames: Frames) -> list[Any]:
+    while isinstance(frames, RestOfSequence):
+        frames = frames.sequence
     paths = getattr(frames, "image_paths", None)
     files = paths.values() if isinstance(paths, Mapping) else paths or ()
     if isinstance(frames, VideoFile):

@@ -26,17 +26,26 @@ def finish(steps: Steps[T]) -> T:
 
 
 class Errand(Generic[T]):
-    """A computation that is taken up again and again. result: None until it is done."""
+    """A computation that is taken up again and again.
+
+    result: None until it is done. is_done: whether it ended, with an error perhaps. worked: whether any slice cost
+    anything.
+    """
 
     def __init__(self, steps: Steps[T]) -> None:
         self._steps = steps
         self.result: T | None = None
+        self.is_done = self.worked = False
 
     def go_on(self, budget: float) -> float:
         """Work until the budget is spent or the result is there; what is left of the budget, below 0 by a slice."""
-        while budget > 0.0 and self.result is None:
+        while budget > 0.0 and not self.is_done:
             try:
                 budget -= next(self._steps)
+                self.worked = True
             except StopIteration as end:
-                self.result = end.value
+                self.result, self.is_done = end.value, True
+            except BaseException:
+                self.is_done = True  # a generator that raised would only end next time
+                raise
         return budget

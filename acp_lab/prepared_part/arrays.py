@@ -10,7 +10,7 @@ import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
-from acp_lab.detection.view_templates import Views, views_of
+from acp_lab.detection.view_templates import SEARCH_SAMPLES, Views, views_of
 from acp_lab.generator.painted.config import AutoencoderReport
 from acp_lab.generator.painted.image_generator import RegionAutoencoder
 from acp_lab.generator.templates import TemplateGenerator
@@ -107,8 +107,15 @@ def load_views(folder: Path, header: Mapping[str, Any], part: Part, edges: EdgeS
         return None
     stored = read_arrays(folder, header, "views")
     samples = stored["samples"].astype(np.int64)
-    if len(samples) and not (samples.min() >= 0 and samples.max() < len(edges)):
+    count, counts, lengths = len(samples), stored["counts"], stored["lengths"]
+    if samples.shape != (count, SEARCH_SAMPLES) or stored["directions_obj"].shape != (count, 3) or not count:
+        raise ValueError(f"views of shape {samples.shape}")
+    if not (samples.min() >= 0 and samples.max() < len(edges)):
         raise ValueError(f"views of edge samples that are not among the {len(edges)}")
+    if counts.shape != (count,) or not (counts.min() >= 1 and counts.max() <= SEARCH_SAMPLES):
+        raise ValueError("views with impossible counts of samples")
+    if lengths.shape != (count,) or not lengths.min() > 0.0:
+        raise ValueError("views with impossible lengths")
     return views_of(part, edges, stored["directions_obj"], samples, stored["counts"], stored["lengths"])
 
 

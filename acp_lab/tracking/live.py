@@ -174,5 +174,6 @@ class LiveLoop:
                 # After a pause the film goes on where it was, it does not catch up.
                 due_s = max(due_s + time_s - before_s, time.perf_counter() - 0.1)
                 before_s = time_s
-                time.sleep(max(0.0, due_s - time.perf_counter()))
+                with self._changed:  # whoever stops it need not wait for a gap in the film
+                    self._changed.wait_for(lambda: self._is_over, max(0.0, due_s - time.perf_counter()))
             yield frame

@@ -199,6 +199,8 @@ class Method:
         )
 
 
+AGREEMENT_STATES = StateConfig(weak_below=0.27, tracking_above=0.30, lost_below=0.20, found_above=0.27, proof=1)
+"""Of methods whose quality is an agreement, not a probability."""
 ACP = Method(summary="the best tracker here: CAD edges along normals, colours across the outline, a motion prior")
 ACP_EDGES = replace(
     ACP,
@@ -232,7 +234,7 @@ ACP_PAPER = Method(
     way_back=Off(),
     learning=Off(),
     confidence=Off(),
-    states=StateConfig(weak_below=0.27, tracking_above=0.30, lost_below=0.20, found_above=0.27),
+    states=AGREEMENT_STATES,
 )
 ACP_PAPER_LITERAL = replace(
     ACP_PAPER,
@@ -284,7 +286,7 @@ REGION = Method(
     way_back=Off(),
     learning=TargetLearning(),
     confidence=Off(),
-    states=StateConfig(weak_below=0.27, tracking_above=0.30, lost_below=0.20, found_above=0.27),
+    states=AGREEMENT_STATES,
 )
 
 METHODS: dict[str, Method] = {

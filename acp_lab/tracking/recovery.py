@@ -2,7 +2,8 @@
 
 On a patterned background the solver can lock on to wrong edges when the part moves further than expected. The memory
 of what each edge looked like then says so: the quality drops. `SecondTries` starts also from the last pose and from a
-ring around it; while the part is lost, a wide search around its last pose joins in, less and less often.
+ring around it; while the part is lost and no `way_back` looks for it, a wide search around its last pose joins
+in, less and less often.
 `Alternatives`, for methods that see regions too, lets these go first, without the motion prior.
 """
 
@@ -82,7 +83,7 @@ class WayBack:
 
     kind: ClassVar[str] = "detector"
     budget: float = 25_000.0
-    proposals: int = 2
+    proposals: int = 1
     least_score: float = 0.5
     gain: float = 0.1
 

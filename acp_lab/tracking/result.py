@@ -77,7 +77,8 @@ class TrackResult:
         predicted: (4, 4) pose, mm, expected before the image was looked at; in the first frame the given one.
         control_points: (4, 2) image control points I in px, in the order of W's rows.
         loss: e(I) as the method's targets define it; 0 for a perfect fit, NaN where nothing was seen.
-        quality: in [0, 1]; how well the image agrees with the generated edges at the pose.
+        quality: in [0, 1]; how likely the pose is right, see `confidence`; for methods without it, how well the image
+            agrees with the generated edges.
         state: tracking, weak or lost.
         region: index 0..5 of the view region whose W is in use.
         edges: the edge points generated last, at the final pose; None where nothing was seen.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from acp_lab.errors import TrackingError
 from acp_lab.tracking.result import TrackState
 
 
@@ -25,6 +26,10 @@ class StateConfig:
     patience: int = 2
     proof: int = 2
 
+    def __post_init__(self) -> None:
+        if self.patience < 1 or self.proof < 1:
+            raise TrackingError(f"states: patience = {self.patience}, proof = {self.proof}: give 1 or more")
+
 
 class StateMachine:
     """The state of one tracked part."""
@@ -36,7 +41,10 @@ class StateMachine:
         self._lost = 0
 
     def is_time_to_search(self) -> bool:
-        """While lost: in the 1st, 2nd, 4th, 8th ... lost frame; a wide search takes as long as many frames."""
+        """While lost: in the 1st, 2nd, 4th, 8th ... lost frame; a wide search takes as long as many frames.
+
+        For methods that have no `way_back`.
+        """
         return self._lost > 0 and self._lost & (self._lost - 1) == 0
 
     def begin(self, quality: float) -> str:

@@ -173,9 +173,10 @@ class Tracker:
         if self._is_lost and self._way_back is not None and quality <= self.method.states.found_above:
             # A search that follows what does not fit ends up anywhere.
             self._predictor.restart(self._last_seen)
+            self._carried = None
         else:
             self._predictor.observe(solution.cam_T_obj, quality, solution.information)
-        self._carried = solution.estimate
+            self._carried = solution.estimate
         if not self._is_lost:
             if self._way_back is not None:
                 self._way_back.forget()

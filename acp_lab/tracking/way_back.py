@@ -20,7 +20,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
 from acp_lab.tracking.recovery import WayBack
 
-PROPOSAL_WORK = 10_000.0
+PROPOSAL_WORK = 20_000.0
 """Of a frame that is solved from a proposal, see `detection.work`."""
 _Search = Errand[tuple[Detection, ...]]
 
@@ -96,14 +96,15 @@ class Reacquisition:
                 self._near = self._search(frame, NEAR.of(last_seen if around is None else around))
             search = self._near
         budget = search.go_on(budget)
-        if search.result is None:
+        if not search.is_done:
             return budget
-        self._found = tuple(one for one in search.result if one.score >= self._config.least_score)
+        self._found = tuple(one for one in search.result or () if one.score >= self._config.least_score)
         if search is self._near:
             self._near, self._wide_frames = None, WIDE_FRAMES
         else:
             self._wide = None
-        return budget
+        # A search without anything to look at, such as for a part too small, costs nothing: not again in this frame.
+        return budget if search.worked else 0.0
 
     def _search(self, frame: Frame, prior: PosePrior | None) -> _Search:
         return Errand(self._ready().search(frame, self._config.proposals, prior))

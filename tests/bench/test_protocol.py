@@ -15,6 +15,7 @@ from acp_lab.bench.record import read_run
 from acp_lab.errors import InputFileError, ParameterError, SequenceError
 from acp_lab.geometry.pose import make_pose
 from acp_lab.sample import sample_dataset
+from acp_lab.sequences.bop import BopDataset
 from acp_lab.sequences.scene_truth import SceneTruth, instance_truths
 from acp_lab.tracking.method import ACP, METHODS
 from tests.bench.made_runs import made_run
@@ -44,6 +45,17 @@ def test_every_task_has_a_file_of_its_own() -> None:
 def test_other_settings_are_another_state() -> None:
     tasks = [task_of(sample_dataset(), "test", Path("parts"), KEY, method, Variant()) for method in METHODS.values()]
     assert len({task.state for task in tasks}) == len(METHODS)
+
+
+def test_another_preparation_of_the_part_is_another_state(tmp_path: Path) -> None:
+    task = replace(sample_task(), parts=str(tmp_path))
+    header = tmp_path / BopDataset(sample_dataset()).part_path(1).stem / "part.json"
+    header.parent.mkdir()
+    states = [task.state]
+    for text in ("{}", '{"files": 1}'):
+        header.write_text(text)
+        states.append(task.state)
+    assert len(set(states)) == 3
 
 
 def test_the_sample_is_called_sample() -> None:

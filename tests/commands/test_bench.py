@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acp_lab.commands.bench import _RICHEST_FIRST, BenchOptions, _generator_of
 from acp_lab.display.replay.file import check_replay
+from acp_lab.tracking.method import METHODS
 from tests.cli_runner import assert_one_error, run
 from tests.commands.conftest import FRAME_IDS, edit_json, true_pose
 from tests.sequences.tiny_dataset import pose_entry, write_json
@@ -127,3 +129,18 @@ def test_a_name_that_is_a_method_and_a_file(
     assert run(capsys, *words).status == 0
     again = ("--results-from", tmp_path / "out" / "results" / "acp-edges__data.csv")
     assert_one_error(run(capsys, *words, *again), "acp-edges", "rename the file")
+
+
+@pytest.mark.parametrize(
+    ("noise", "count"), [((), 1), (("0,0",), 1), (("2,2",), 4), (("2,2", "2,2"), 4), (("2,2", "0,0", "5,5"), 7)]
+)
+def test_no_start_is_run_twice(tmp_path: Path, noise: tuple[str, ...], count: int) -> None:
+    variants = BenchOptions((), "acp", tmp_path / "out", noise=noise, seeds=3).variants()
+    assert len(variants) == len(set(variants)) == count
+
+
+def test_what_is_prepared_does_not_depend_on_the_order_of_methods() -> None:
+    chosen = [METHODS[name] for name in ("region", "acp")]
+    assert [_generator_of(method) for method in chosen] == ["templates", "both"]
+    assert _RICHEST_FIRST.index("both") < _RICHEST_FIRST.index("templates")
+    assert {_generator_of(method) for method in METHODS.values()} <= set(_RICHEST_FIRST)

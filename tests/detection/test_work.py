@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from acp_lab.detection.work import Errand, Steps, finish
 
 
@@ -31,3 +33,27 @@ def test_without_a_budget_nothing_is_done() -> None:
     assert errand.go_on(0.0) == 0.0
     assert errand.go_on(-2.0) == -2.0
     assert errand.result is None
+
+
+def test_an_error_ends_an_errand() -> None:
+    def failing() -> Steps[int]:
+        yield 1.0
+        raise RuntimeError
+
+    errand = Errand(failing())
+    with pytest.raises(RuntimeError):
+        errand.go_on(5.0)
+    assert errand.is_done
+    assert errand.go_on(5.0) == 5.0
+    assert errand.result is None
+
+
+def test_a_result_may_be_none_and_cost_nothing() -> None:
+    def nothing() -> Steps[None]:
+        return
+        yield
+
+    errand = Errand(nothing())
+    assert errand.go_on(5.0) == 5.0
+    assert errand.is_done
+    assert not errand.worked

@@ -18,6 +18,7 @@ from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.coplanar_points import mid_section_points
+from acp_lab.detection.view_templates import make_views
 from acp_lab.errors import PreparationError
 from acp_lab.generator.painted.config import AutoencoderReport
 from acp_lab.generator.painted.image_generator import RegionAutoencoder
@@ -279,6 +280,37 @@ def test_a_damaged_auto_encoder_is_told(model: PreparedPart, tmp_path: Path, dam
     with pytest.raises(PreparationError, match=r"damaged .*run: acp-lab prepare MESH .*--no-resume") as caught:
         PreparedPart.load(folder)
     assert "\n" not in str(caught.value)
+
+
+def with_views(model: PreparedPart) -> PreparedPart:
+    return replace(model, views=make_views(model.part, model.best_generator()))
+
+
+def test_the_views_come_back(model: PreparedPart, tmp_path: Path) -> None:
+    seen = with_views(model)
+    seen.save(tmp_path / "bracket")
+    views, again = seen.views, PreparedPart.load(tmp_path / "bracket").views
+    assert views is not None
+    assert again is not None
+    for name in ("directions_obj", "samples", "points_obj", "tangents_obj", "counts", "lengths"):
+        np.testing.assert_allclose(getattr(again, name), getattr(views, name), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("key", "row"), [("counts", 50_080), ("counts", 0), ("samples", 10_000_000), ("samples", -1), ("lengths", -2.0)]
+)
+def test_views_that_point_outside_are_told(model: PreparedPart, tmp_path: Path, key: str, row: float) -> None:
+    """Compiled loops read as many samples as a view counts, without asking."""
+    folder = tmp_path / "bracket"
+    with_views(model).save(folder)
+
+    def change(tensors: dict[str, np.ndarray]) -> None:
+        tensors[key] = tensors[key].copy()
+        tensors[key].flat[3] = row
+
+    edit_tensors("views.safetensors", change)(folder)
+    with pytest.raises(PreparationError, match=r"damaged .*view.*run: acp-lab prepare MESH"):
+        PreparedPart.load(folder)
 
 
 # ---- damage --------------------------------------------------------------------------------------------------

@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from acp_lab.errors import TrackingError
+from acp_lab.tracking.method import METHODS
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.states import StateConfig, StateMachine
 
@@ -40,6 +42,17 @@ def test_found_again_with_hysteresis() -> None:
     lost = [0.1] * 3
     assert states([*lost, 0.25, 0.29, 0.35, 0.35, 0.6])[3:] == [L, L, L, W, T]
     assert states([*lost, 0.6, 0.6])[3:] == [L, T]
+
+
+@pytest.mark.parametrize("values", [{"patience": 0}, {"proof": 0}])
+def test_nonsense_is_refused(values: dict[str, int]) -> None:
+    with pytest.raises(TrackingError, match="give 1 or more"):
+        StateConfig(**values)
+
+
+def test_methods_without_a_probability_need_no_proof() -> None:
+    for name, proof in (("acp-paper", 1), ("region", 1), ("direct-6dof", 1), ("acp", 2), ("acp-edges", 2)):
+        assert METHODS[name].states.proof == proof
 
 
 def test_one_good_frame_proves_nothing() -> None:

@@ -117,6 +117,19 @@ def test_poor_hypotheses_are_not_proposed() -> None:
     assert [way_back.proposals(frame(index), ANYWHERE) for index in range(5)] == [[]] * 5
 
 
+def test_a_part_too_small_to_be_looked_for_costs_no_time() -> None:
+    """No level of the pyramid would show it: searches end at once, and must not be begun again and again."""
+    way_back, finder = searching(slices=0, score=0.0, budget=10_000.0)
+    for index in range(3):
+        assert way_back.proposals(frame(index), ANYWHERE) == []
+    assert 1 <= len(finder.asked) <= 6
+    small = Camera(64, 48, 30.0, 30.0, 31.5, 23.5)
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    far = looking_at(part, np.array([0.8, 0.6, 1.0]), 2000.0, 0.3)
+    lost = Reacquisition(prepared(part), WayBack())
+    assert lost.proposals(Frame(0, np.zeros((48, 64, 3), np.uint8), small), far) == []
+
+
 # ---- in a tracker ----------------------------------------------------------------------------------------------
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from acp_lab.bench.rapid.environment import clean_environment, python
 from acp_lab.bench.rapid.plain_arrays import receive, send
 from acp_lab.cad.part import Part, box_corners
-from acp_lab.errors import TrackingError
+from acp_lab.errors import AcpLabError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import make_pose, so3_exp, so3_log
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -41,17 +41,17 @@ class Worker:
         weakref.finalize(self, self._process.kill)
 
     def ask(self, said: dict[str, Any], *arrays: np.ndarray) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """One message there and one back; TrackingError where the process died."""
+        """One message there and one back; AcpLabError where the process died: that is no result of the tracker's."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
             send(self._process.stdin, said, *arrays)
             answer = receive(self._process.stdout)
-        except BrokenPipeError:
+        except (OSError, ValueError):  # gone, or cut off in the middle of a message
             answer = None
         if answer is None:
             shared_worker.cache_clear()
-            raise TrackingError("the process of cv2.rapid died: try again")
+            raise AcpLabError("the process of cv2.rapid died: try again")
         return answer
 
 

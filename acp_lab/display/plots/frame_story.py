@@ -16,6 +16,7 @@ from acp_lab.display.look import GENERATED, IMAGE, POINTS, START, TRUTH, UNKNOWN
 from acp_lab.display.pictures import draw_strokes
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.tracking.method import METHODS
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.states import StateConfig
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SHADES = (POINTS, GENERATED, TRUTH, IMAGE, START, UNKNOWN)
-_STATES = StateConfig()
 _LARGEST_DOT = 24.0
 """Square points, of a score of 1."""
 
@@ -53,7 +53,7 @@ def draw_runs(
 ) -> None:
     """ADD(-S) and quality of up to six runs; crosses where a run is lost, rings where it is weak.
 
-    largest_percent: errors above it are drawn there.
+    largest_percent: errors above it are drawn there. The limits of the states are those of the first run's method.
     """
     for colour, (name, run) in zip(_SHADES, runs.items(), strict=False):
         results = run.results[object_id]
@@ -70,7 +70,9 @@ def draw_runs(
         error_axes.axhline(limit, color=UNKNOWN, linestyle="--", linewidth=0.8)
     error_axes.set_ylim(0.0, 1.04 * largest_percent)
     error_axes.set_ylabel(f"ADD(-S) [% of diameter], at most {largest_percent:.0f}")
-    for limit, word in ((_STATES.weak_below, "weak"), (_STATES.lost_below, "lost")):
+    first = next(iter(runs.values()), None)
+    states = StateConfig() if first is None or first.method not in METHODS else METHODS[first.method].states
+    for limit, word in ((states.weak_below, "weak"), (states.lost_below, "lost")):
         quality_axes.axhline(limit, color=WRONG, linestyle=":", linewidth=1.0)
         quality_axes.annotate(word, (0.0, limit), (2, 2), textcoords="offset points", fontsize=8, color=WRONG)
     quality_axes.set_ylim(0.0, 1.05)
