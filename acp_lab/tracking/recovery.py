@@ -82,7 +82,7 @@ class WayBack:
     """
 
     kind: ClassVar[str] = "detector"
-    budget: float = 25_000.0
+    budget: float = 20_000.0
     proposals: int = 1
     least_score: float = 0.5
     gain: float = 0.1
