@@ -133,10 +133,11 @@ class Tracker:
             # Again, with what the first frame taught.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
             self._mean_score = (again or solution).score
-        note = self._states.begin(self._quality(solution))
+        quality = self._quality(solution)
+        note = self._states.begin(quality)
         if self._way_back is not None and self.model.views is not None:
             self._way_back.prepare()
-        return self._result(frame, pose, solution, clock, begin_s, note)
+        return self._result(frame, pose, solution, quality, clock, begin_s, note)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
         """The pose in the next frame; an unreadable frame gets the predicted pose and quality 0.
@@ -161,16 +162,17 @@ class Tracker:
             solution = self._found(frame, solution, self._way_back, clock)
         else:
             solution = self._recover(frame, predicted, solution, clock)
-        note = self._states.update(0.0 if solution is None else self._quality(solution))
+        quality = 0.0 if solution is None else self._quality(solution)
+        note = self._states.update(quality)
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             self._predictor.restart(self.last)
             self._carried = None
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
-        quality = self._quality(solution)
-        if quality > self.method.states.found_above:
+        fits = quality > self.method.states.found_above
+        if fits:
             self._last_seen = solution.cam_T_obj
-        if self._is_lost and self._way_back is not None and quality <= self.method.states.found_above:
+        if self._is_lost and self._way_back is not None and not fits:
             # A search that follows what does not fit ends up anywhere.
             self._predictor.restart(self._last_seen)
             self._carried = None
@@ -184,7 +186,7 @@ class Tracker:
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
             self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
-        return self._result(frame, predicted, solution, clock, begin_s, self._unprepared(predicted) or note)
+        return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(predicted) or note)
 
     def run(self, sequence: Sequence, start: FloatArray, observers: Iterable[Observer] = ()) -> TrackRun:
         """Track a sequence of one object from a start pose (4, 4) in its first frame."""
@@ -350,6 +352,7 @@ class Tracker:
         frame: Frame,
         predicted: FloatArray,
         solution: Solution,
+        quality: float,
         clock: Stopwatch,
         begin_s: float,
         note: str,
@@ -361,7 +364,7 @@ class Tracker:
             predicted=predicted,
             control_points=solution.estimate.control_points,
             loss=solution.loss,
-            quality=self._quality(solution),
+            quality=quality,
             state=self._states.state,
             region=self._region,
             edges=judgement.edges,
