@@ -4,9 +4,10 @@
     python -m benchmarks.confidence metal_dev --parts out/parts --split tuning --fit
 
 Each sequence is tracked forwards and backwards from truth, every second frame, from starts 2 and 5 degrees and mm off,
-and once with a board over the part in four frames of twelve ("faults"). Beside every fourth frame three poses 3 to 20%
-of the diameter away are judged as they are. Right: ADD (ADD-S for symmetric parts) below 5% of the diameter. Reported:
-the expected calibration error in ten bins, and the area under the ROC curve against ADD above 10%. PARTS holds
+and once for each fault of `faulty_frames`, which is there in four frames of twelve. Beside every fourth frame three
+poses 3 to 20% of the diameter away are judged as they are; faults are reported together with these. Right: ADD (ADD-S
+for symmetric parts) below 5% of the diameter. Reported: the expected calibration error in ten bins, and the area under
+the ROC curve against ADD above 10%. PARTS holds
 prepared parts, or one folder of them per data set; --fit prints the weights of `acp_lab.tracking.confidence`.
 """
 
@@ -41,12 +42,20 @@ from acp_lab.tracking.stopwatch import Stopwatch  # noqa: E402
 from acp_lab.tracking.targets.normals import NormalJudgement  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
-from benchmarks.recovery import covered  # noqa: E402
+from benchmarks.faulty_frames import FAULTS  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
 
 RIGHT, WRONG = 0.05, 0.1
-RUNS = (("forwards", 0.0), ("backwards", 0.0), ("second", 0.0), ("forwards", 2.0), ("forwards", 5.0), ("covered", 0.0))
+RUNS = (
+    ("forwards", 0.0, ""),
+    ("backwards", 0.0, ""),
+    ("second", 0.0, ""),
+    ("forwards", 2.0, ""),
+    ("forwards", 5.0, ""),
+    *(("forwards", 0.0, fault) for fault in FAULTS),
+)
+"""Order of the frames, degrees and mm that the start is off, and what goes wrong."""
 ORDERS = {"backwards": slice(None, None, -1), "second": slice(None, None, 2)}
 BINS = 10
 # A state that never changes: a tracker that is lost behaves otherwise.
@@ -60,7 +69,7 @@ UNIT = {
 
 @dataclass(frozen=True)
 class Judged:
-    """A pose that was judged. kind: "tracked", "disturbed" or "faults"; error: ADD as a share of the diameter."""
+    """A pose that was judged. kind: "tracked", "disturbed" or one of FAULTS; error: ADD as a share of the diameter."""
 
     kind: str
     error: float
@@ -92,11 +101,14 @@ def main() -> None:
         print("weights (constant, agreement, contrast, margin):", np.round(fitted(judged), 2))
     if isinstance(method.confidence, Off):
         return
+    clean = [one for one in judged if one.kind not in FAULTS]
     values = {
-        "clean": _row([one for one in judged if one.kind == "tracked"], method.confidence),
-        "clean and disturbed": _row([one for one in judged if one.kind != "faults"], method.confidence),
+        "clean": _row([one for one in clean if one.kind == "tracked"], method.confidence),
+        "clean and disturbed": _row(clean, method.confidence),
         "all, with faults": _row(judged, method.confidence),
     }
+    for fault in FAULTS:
+        values[fault] = _row([one for one in judged if one.kind in (fault, "disturbed")], method.confidence)
     for name, row in values.items():
         print(name, row)
     if args.picture:
@@ -114,7 +126,7 @@ def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
     frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
     known = [frame for frame in frames if scene.truth(frame.index, object_id) is not None]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame in known])
-    for order, off in RUNS:
+    for order, off, fault in RUNS:
         run = known[ORDERS.get(order, slice(None))]
         tracker = _Watched(model, replace(method, states=NEVER_LOST, way_back=Off()))
         truths = [_truth(scene, frame, object_id) for frame in run]
@@ -123,15 +135,17 @@ def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
         except TrackingError:
             continue
         for number, (frame, truth) in enumerate(zip(run, truths, strict=True)):
-            hidden = order == "covered" and number % 12 in (5, 6, 7, 8)
+            faulty = bool(fault) and number % 12 in (5, 6, 7, 8)
             if number:
                 box = crop_box(box_corners(model.part), truth, frame.camera, 15.0)
-                tracker.track(covered(frame, box, plain=True) if hidden else frame)
-            if tracker.solution is not None and (hidden or visible[frame.index]):
-                error = metric.share(tracker.solution.cam_T_obj, truth)
-                yield _seen("faults" if hidden else "tracked", error, tracker.solution)
-                if number % 4 == 0 and off == 0.0 and order in ("forwards", "backwards") and error < 0.03:
-                    yield from _disturbed(tracker, frame, truth, metric, rng)
+                tracker.track(FAULTS[fault](frame, box, rng) if faulty else frame)
+            if tracker.solution is None or not (faulty or visible[frame.index]):
+                continue
+            error = metric.share(tracker.solution.cam_T_obj, truth)
+            if faulty or not fault:
+                yield _seen(fault or "tracked", error, tracker.solution)
+            if number % 4 == 0 and off == 0.0 and not fault and order != "second" and error < 0.03:
+                yield from _disturbed(tracker, frame, truth, metric, rng)
 
 
 class _Watched(Tracker):

@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,7 @@ from acp_lab.tracking.method_file import read_method  # noqa: E402
 from acp_lab.tracking.result import TrackState  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
+from benchmarks.faulty_frames import covered  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
 
 RIGHT, LOST = 0.1, 0.3
@@ -187,25 +188,6 @@ def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: 
     back = next((k - since + 1 for k in range(since, len(rows) - STEADY) if all(right[k : k + STEADY])), None)
     wrong = [e > LOST and t for e, t in zip(errors, tracking, strict=True)]
     return Return(walk.kind, walk.near, back, _longest(wrong), tuple(lost_ms))
-
-
-def covered(frame: Frame, box: tuple[int, int, int, int] | None, plain: bool) -> Frame:
-    """A frame with a board over a box (x0, y0, x1, y1) px; plain, or else with the picture of what is beside it."""
-    if box is None:
-        return frame
-    image = frame.image.copy()
-    height, width = image.shape[:2]
-    x0, y0, x1, y1 = box
-    high, wide = y1 - y0, x1 - x0
-    # What stands beside the part, where there is room for it.
-    places = [(x0 - wide, y0), (x1, y0), (x0, y0 - high), (x0, y1)]
-    free = [(x, y) for x, y in places if x >= 0 and y >= 0 and x + wide <= width and y + high <= height]
-    if plain or not free:
-        image[y0:y1, x0:x1] = (150, 110, 60)
-    else:
-        x, y = free[0]
-        image[y0:y1, x0:x1] = frame.image[y : y + high, x : x + wide]
-    return replace(frame, image=image)
 
 
 def _longest(flags: list[bool]) -> int:

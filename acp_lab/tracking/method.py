@@ -6,6 +6,7 @@
     schedule    coarse to fine                                 schedule
     priors      what is believed beside the image              priors
     solver      how e is minimised                             solvers
+    tones       what a sudden change of light does             tones
     prediction  where the next frame starts                    prediction
     sight       how a first glance corrects that               picture
     start       what the first frame does with a given pose    start
@@ -51,6 +52,7 @@ from acp_lab.tracking.targets.contour_regions import ContourRegions
 from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
+from acp_lab.tracking.tones import ToneMatching
 
 Source = CadSamples | PaintedSamples | PaintedRidges
 Variables = ControlPointVariables | PoseVariables
@@ -83,6 +85,7 @@ class Method:
     schedule: Schedule = field(default_factory=PixelSchedule)
     priors: tuple[PriorConfig, ...] = (ControlPointDamping(), MotionPrior())
     solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0, last_px=0.03))
+    tones: ToneMatching | Off = field(default_factory=ToneMatching)
     prediction: PredictionConfig = field(default_factory=KalmanPrediction)
     sight: PictureSearch | Off = field(default_factory=PictureSearch)
     start: TrustedStart | Off = field(default_factory=TrustedStart)
@@ -227,6 +230,7 @@ ACP_PAPER = Method(
     schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.6, 0.4)),
     priors=(),
     solver=GaussNewton(),
+    tones=Off(),
     prediction=LastPosePrediction(),
     sight=Off(),
     start=Off(),
@@ -279,6 +283,7 @@ REGION = Method(
     ),
     priors=(TikhonovPrior(),),
     solver=GaussNewton(steps=2, damping=0.0),
+    tones=Off(),
     prediction=LastPosePrediction(),
     sight=Off(),
     start=Off(),

@@ -35,6 +35,7 @@ from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.tones import Tones
 from acp_lab.tracking.way_back import Reacquisition
 
 # Share of a new frame in the running mean of the quality, with which recovery and learning compare.
@@ -63,6 +64,7 @@ class Tracker:
         self.records_target = False
         self._carried: Estimate | None = None
         self._predictor = self.method.prediction.predictor(self.part.box_centre)
+        self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
         self._corners_obj = box_corners(self.part)
         way_back = self.method.way_back
         self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back)
@@ -111,6 +113,7 @@ class Tracker:
         self._forget()
         self.solver.records_steps = self.records_steps
         pose = np.array(cam_T_obj, np.float64)
+        frame = self._steady(frame, clock)
         self._region = self._first_region(pose)
         seen = self._look(frame, pose, clock)
         started = None if seen is None else self._begin(seen, clock)
@@ -155,6 +158,7 @@ class Tracker:
             changed = self._states.update(0.0)
             note = f"{frame.reason}; {changed}" if changed else frame.reason
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
+        frame = self._steady(frame, clock)
         self._sight(frame, clock)
         predicted = self.predicted
         solution = self._solve(frame, predicted, clock)
@@ -206,6 +210,8 @@ class Tracker:
         self._states = StateMachine(self.method.states)
         if self._way_back is not None:
             self._way_back.forget()
+        if self._tones is not None:
+            self._tones.forget()
         self._started = self._trusted = False
         self._region = 0
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
@@ -320,6 +326,15 @@ class Tracker:
         if isinstance(config, Off) or self._quality(tried) <= self.method.states.found_above:
             return False
         return best is None or tried.score > best.score + config.gain
+
+    def _steady(self, frame: Frame, clock: Stopwatch) -> Frame:
+        """The frame without a sudden change of light."""
+        if self._tones is None:
+            return frame
+        clock.lap()
+        steady = self._tones.steady(frame)
+        clock.image_s += clock.lap()
+        return steady
 
     def _sight(self, frame: Frame, clock: Stopwatch) -> None:
         """Correct the prediction by where the part's last picture is in the new frame."""

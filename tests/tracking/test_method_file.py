@@ -32,6 +32,7 @@ from acp_lab.tracking.states import StateConfig
 from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
+from acp_lab.tracking.tones import ToneMatching
 
 # In these every setting differs from what `acp` and `acp-paper` have.
 RIDGES = Method(
@@ -85,12 +86,14 @@ FUSED = Method(
     recovery=Alternatives(0.7, 0.1, 0.2, 0.01, 5.0),
     way_back=WayBack(1e4, 3, 0.7, 0.2),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0),
+    tones=ToneMatching(9.0, 0.4, 0.3, 0.7),
 )
 EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=GaussNewton(9, 0.1), learning=Off())]
 
 
 def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
     region, rest = FUSED.targets[1], (FUSED.prediction, FUSED.recovery, FUSED.sight, FUSED.way_back, FUSED.confidence)
+    rest = (*rest, FUSED.tones)
     for part in (region, region.colours, *rest):  # type: ignore[union-attr]
         for item in fields(part):
             assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name

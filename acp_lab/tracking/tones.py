@@ -1,0 +1,108 @@
+"""Sudden changes of light: a frame is seen in the tones of the frame before it, and its own come back slowly.
+
+What a tracker remembers of a part's edges and colours follows slow changes. When a lamp is switched or the camera
+changes its exposure, everything changes at once, the scene around the part too, and that tells the two apart from
+a part that moved: one curve per colour channel, from the new grey values to those before, explains most of the
+change. Curves by histogram matching: Gonzalez and Woods, Digital Image Processing, section 3.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import cv2
+import numpy as np
+
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.sequences.frame import Frame
+
+_PIXELS = 5000
+"""Of a frame that are compared."""
+_RANKS = np.linspace(0.0, 100.0, 65)
+_GREYS = np.arange(256.0)
+
+
+@dataclass(frozen=True)
+class ToneMatching:
+    """Configuration: when a change of light is sudden, and how fast its correction fades.
+
+    Attributes:
+        least: grey levels by which pixels must have changed in the mean.
+        unexplained: share of that change which curves may leave.
+        of_constant: share of what one grey value per channel would leave, which curves may leave.
+        keep: share of the correction that is kept from frame to frame.
+    """
+
+    kind: ClassVar[str] = "matched"
+    least: float = 6.0
+    unexplained: float = 0.5
+    of_constant: float = 0.9
+    keep: float = 0.85
+
+    def __post_init__(self) -> None:
+        if not self.least > 0.0:
+            raise TrackingError(f"tones.least = {self.least:g}: give grey levels above 0")
+        for name in ("unexplained", "of_constant", "keep"):
+            if not 0.0 <= getattr(self, name) < 1.0:
+                raise TrackingError(f"tones.{name} = {getattr(self, name):g}: give 0 to below 1")
+
+
+class Tones:
+    """The tones in which the frames of one track are seen."""
+
+    def __init__(self, config: ToneMatching) -> None:
+        self.config = config
+        self.forget()
+
+    def forget(self) -> None:
+        """Before a new track."""
+        self._before: FloatArray | None = None
+        self._curves: FloatArray | None = None
+
+    def steady(self, frame: Frame) -> Frame:
+        """The frame in the tones before a sudden change of light, or as it is."""
+        pixels = _some_pixels(frame.image)
+        before, self._before = self._before, pixels
+        if self._curves is not None:
+            self._curves = _GREYS + self.config.keep * (self._curves - _GREYS)
+        if before is not None and before.shape == pixels.shape:
+            change = self._sudden_change(before, pixels)
+            if change is not None:
+                self._curves = change if self._curves is None else _applied(self._curves, change.T).T
+        if self._curves is None or np.abs(self._curves - _GREYS).max() < 1.0:
+            self._curves = None
+            return frame
+        table = np.rint(self._curves).clip(0, 255).astype(np.uint8).T[None]
+        return replace(frame, image=np.asarray(cv2.LUT(frame.image, table), np.uint8))
+
+    def _sudden_change(self, before: FloatArray, now: FloatArray) -> FloatArray | None:
+        """(3, 256) from grey values now to those before; None where the light did not change suddenly."""
+        change = float(np.abs(now - before).mean())
+        if change < self.config.least:
+            return None
+        curves = np.stack([_matched(b, n) for b, n in zip(before.T, now.T, strict=True)])
+        left = float(np.abs(_applied(curves, now) - before).mean())
+        # A constant explains a frame that is all the same, or wholly another: that says nothing of the light.
+        by_constant = float(np.abs(before - np.median(before, axis=0)).mean())
+        return curves if left < min(self.config.unexplained * change, self.config.of_constant * by_constant) else None
+
+
+def _some_pixels(image: ByteImage) -> FloatArray:
+    """(n, 3) on a grid."""
+    step = max(1, round(float(np.sqrt(image.shape[0] * image.shape[1] / _PIXELS))))
+    return image[step // 2 :: step, step // 2 :: step].reshape(-1, 3).astype(np.float64)
+
+
+def _matched(before: FloatArray, now: FloatArray) -> FloatArray:
+    """(256,) the curve that gives the pixels now the histogram of those before."""
+    wanted, given = np.percentile(before, _RANKS), np.percentile(now, _RANKS)
+    greys, rank = np.unique(given, return_inverse=True)
+    mean = np.bincount(rank, wanted) / np.bincount(rank)
+    return np.asarray(np.interp(_GREYS, greys, mean))
+
+
+def _applied(curves: FloatArray, greys: FloatArray) -> FloatArray:
+    """(n, 3) grey values through the curve of their channel."""
+    return np.stack([np.interp(g, _GREYS, curve) for g, curve in zip(greys.T, curves, strict=True)], axis=1)
