@@ -35,14 +35,16 @@ def tracked(change: Change, first: int = FIRST, last: int = LAST, start_at: int 
     return list(run.results[1])
 
 
-def survived(results: list[TrackResult], after: int = LAST + 5, may_be_weak: bool = False) -> str:
+def survived(
+    results: list[TrackResult], after: int = LAST + 5, may_be_weak: bool = False, within_percent: float = 5.0
+) -> str:
     """Assert that the part is on its place, and said to be, from a few frames after the fault on."""
     part, scene = sample_model().part, sample_scene()
     for result in results:
         truth = scene.truth(result.frame_id, 1)
         if result.frame_id >= after and truth is not None:
             assert result.state is TrackState.TRACKING or (may_be_weak and result.state is TrackState.WEAK), result
-            assert add_percent(part, result.cam_T_obj, truth) < 5.0, result.frame_id
+            assert add_percent(part, result.cam_T_obj, truth) < within_percent, result.frame_id
     return "tracked on"
 
 
@@ -100,6 +102,30 @@ def flicker(at: Workplace) -> str:
     def flickering(frame: Frame) -> Frame:
         gain = 1.1 if frame.index % 2 else 0.9
         return replace(frame, image=np.clip(gain * frame.image, 0, 255).astype(np.uint8))
+
+    survived(tracked(flickering, 1, 100), after=1, may_be_weak=True)
+    return "tracked on, weak in places"
+
+
+@row("lamps are switched: grey values x0.4 from one frame to the next, and back", "tracked on")
+def dimmed(at: Workplace) -> str:
+    return survived(tracked(image(lambda pixels: (0.4 * pixels).astype(np.uint8)), FIRST, FIRST + 10), after=1)
+
+
+@row("lamps are switched: grey values x2, most of them white, and back", "tracked on, less exactly while it is white")
+def glaring(at: Workplace) -> str:
+    doubled = tracked(image(lambda pixels: np.clip(2.0 * pixels, 0, 255).astype(np.uint8)), FIRST, FIRST + 10)
+    survived(doubled, after=1, within_percent=8.0)
+    survived(doubled, after=FIRST + 15)
+    return "tracked on, within 8% of the diameter while it is white"
+
+
+@row("exposure flickers by 40%, from frame to frame", "tracked on")
+def strong_flicker(at: Workplace) -> str:
+    gains = np.random.default_rng(3).uniform(0.6, 1.4, 200)
+
+    def flickering(frame: Frame) -> Frame:
+        return replace(frame, image=np.clip(gains[frame.index] * frame.image, 0, 255).astype(np.uint8))
 
     survived(tracked(flickering, 1, 100), after=1, may_be_weak=True)
     return "tracked on, weak in places"
