@@ -14,6 +14,7 @@
     way_back    who looks for a part that is lost              way_back
     learning    what is learnt of each edge sample             learning/
     confidence  how likely a pose is right                     confidence
+    uncertainty how exact it is, given that it is right        uncertainty
 
 `acp-paper` is the paper's path with the four deviations that it needs, one setting each: `variables.residual`,
 `source.frame`, `edge_map.orientation_bins` and `schedule.shares`; `acp-paper-literal` is without them. The two
@@ -53,6 +54,7 @@ from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tones import ToneMatching
+from acp_lab.tracking.uncertainty import PoseUncertainty
 
 Source = CadSamples | PaintedSamples | PaintedRidges
 Variables = ControlPointVariables | PoseVariables
@@ -93,6 +95,7 @@ class Method:
     way_back: WayBack | Off = field(default_factory=WayBack)
     learning: SampleLearning | TargetLearning | Off = field(default_factory=SampleLearning)
     confidence: Confidence | Off = field(default_factory=Confidence)
+    uncertainty: PoseUncertainty | Off = field(default_factory=PoseUncertainty)
     states: StateConfig = field(default_factory=StateConfig)
 
     def __post_init__(self) -> None:
@@ -153,6 +156,10 @@ class Method:
             (
                 isinstance(self.confidence, Off) or judges_matches,
                 'confidence: needs a first target that searches along "normals"',
+            ),
+            (
+                isinstance(self.uncertainty, Off) or self.prediction.weighs_images,
+                'uncertainty: needs the information of each frame, which is kept with prediction.kind = "kalman"',
             ),
             (
                 isinstance(self.sight, Off) or self.prediction.weighs_images,
@@ -218,6 +225,7 @@ ACP_EDGES = replace(
     recovery=SecondTries(),
     learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0), learn_above=0.7),
     confidence=EDGES_ALONE,
+    uncertainty=Off(),
 )
 ACP_PAPER = Method(
     name="acp-paper",
@@ -238,6 +246,7 @@ ACP_PAPER = Method(
     way_back=Off(),
     learning=Off(),
     confidence=Off(),
+    uncertainty=Off(),
     states=AGREEMENT_STATES,
 )
 ACP_PAPER_LITERAL = replace(
@@ -291,6 +300,7 @@ REGION = Method(
     way_back=Off(),
     learning=TargetLearning(),
     confidence=Off(),
+    uncertainty=Off(),
     states=AGREEMENT_STATES,
 )
 

@@ -89,6 +89,9 @@ class TrackResult:
         note: reason of a state change or of an unreadable frame, empty otherwise.
         steps: the iterations that led to the pose, in their order; empty unless the tracker's `records_steps`
             is set.
+        covariance: (6, 6) of a pose step (rad, mm) about the part's centre, in camera axes, given that the pose is
+            right (how likely that is says `quality`), see `uncertainty`; None where the pose was given, held or
+            predicted, and for methods without it.
         target: what was found in the image; None unless the tracker's `records_target` is set.
     """
 
@@ -106,4 +109,5 @@ class TrackResult:
     timings: Timings
     note: str = ""
     steps: tuple[TrackStep, ...] = ()
+    covariance: FloatArray | None = None
     target: TargetView | None = None

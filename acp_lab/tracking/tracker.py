@@ -294,6 +294,15 @@ class Tracker:
         confidence = self.method.confidence
         return solution.quality if isinstance(confidence, Off) else confidence.of(solution)
 
+    def _covariance(self, solution: Solution) -> FloatArray | None:
+        """(6, 6) of the pose, as it is reported."""
+        config = self.method.uncertainty
+        if isinstance(config, Off) or solution.information is None:
+            return None
+        centre_cam = transform(solution.cam_T_obj, self.part.box_centre)
+        camera = solution.estimate.view.camera
+        return config.covariance(solution.information, centre_cam, camera, 0.5 * self.part.diameter)
+
     @property
     def _is_lost(self) -> bool:
         return self._states.state is TrackState.LOST
@@ -388,6 +397,7 @@ class Tracker:
             timings=clock.timings(frame.undistort_s, time.perf_counter() - begin_s),
             note=note,
             steps=solution.steps,
+            covariance=self._covariance(solution),
             target=judgement.target_view if self.records_target else None,
         )
 

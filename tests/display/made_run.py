@@ -21,6 +21,8 @@ FRAME_IDS = (0, 1, 3, 4)
 UNREADABLE_ID = 3
 STEPS = 3
 W = np.array([[-20.0, -15, 0], [20, -15, 0], [20, 15, 0], [-20, 15, 0]])
+COVARIANCE = np.diag([0.01, 0.01, 0.02, 1.0, 4.0, 9.0]) ** 2
+"""Of each result: rad, mm."""
 
 
 def box(width: float = 40.0) -> Part:
@@ -79,7 +81,7 @@ def recorded(frame: Frame | UnreadableFrame, object_id: int) -> TrackResult:
         steps.append(TrackStep(CAMERA.project(transform(pose, W)), pose, 1.5 + left, STEPS - 1 - left))
     distances = np.hypot(*np.meshgrid(np.arange(40.0) - 20, np.arange(30.0) - 15)).astype(np.float32)
     target = TargetView(found.control_points + 0.25, (60, 50), (40, 30), distances)
-    return replace(found, steps=tuple(steps), target=target)
+    return replace(found, steps=tuple(steps), target=target, covariance=COVARIANCE)
 
 
 def frames() -> Iterable[Frame | UnreadableFrame]:

@@ -42,6 +42,7 @@ WANTED = (
     "distance_map",
     "regions",
     "trajectory",
+    "uncertainty",
 )
 READABLE = [0, 1, 3]  # frames, counted; the one with id 3 cannot be read
 FRAMES = list(range(len(FRAME_IDS)))
@@ -248,6 +249,18 @@ def test_the_trail_grows(recording: Recording) -> None:
     (trail,) = recording.on_frames("/trajectory/obj_000001", "strips")[-1].value
     centres = [result(frame, 1).cam_T_obj[:3, 3] for frame in made_frames()]
     np.testing.assert_allclose(trail, centres, atol=1e-4)
+
+
+def test_how_exact_the_pose_is(recording: Recording) -> None:
+    rows = recording.on_frames("/uncertainty/obj_000001", "half_sizes")
+    assert [len(row.value) for row in rows] == [1, 1, 0, 1]  # nothing in the frame that cannot be read
+    np.testing.assert_allclose(sorted(rows[0].value[0]), 2.7955 * np.array([1.0, 4.0, 9.0]), rtol=1e-3)
+    (centre,) = recording.on_frames("/uncertainty/obj_000001", "centers")[-1].value
+    np.testing.assert_allclose(centre, recorded(made_frames()[-1], 1).cam_T_obj[:3, 3], atol=1e-4)
+    curve = [row.value for row in recording.on_frames("/curves/uncertainty/obj_000001", "scalars")]
+    np.testing.assert_allclose(curve, [[np.degrees(0.02), 9.0]] * 3)
+    texts = [row.value[0] for row in recording.on_frames("/numbers/obj_000001", "text")]
+    assert [("known to 1.15 deg, 9.00 mm" in text) for text in texts] == [True, True, False, True]
 
 
 # ---- words -----------------------------------------------------------------------------------------------------

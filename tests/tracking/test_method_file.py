@@ -33,6 +33,7 @@ from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tones import ToneMatching
+from acp_lab.tracking.uncertainty import PoseUncertainty
 
 # In these every setting differs from what `acp` and `acp-paper` have.
 RIDGES = Method(
@@ -48,6 +49,7 @@ RIDGES = Method(
     solver=Adam(30, 0.1),
     prediction=ConstantVelocityPrediction(-1.0),
     sight=Off(),
+    uncertainty=Off(),
     start=Off(),
     recovery=SecondTries(0.7, 9.0, 3.0, 2),
     learning=Off(),
@@ -64,6 +66,7 @@ NORMALS = Method(
     solver=LevenbergMarquardt(7, 0.5),
     prediction=LastPosePrediction(),
     sight=Off(),
+    uncertainty=Off(),
     start=TrustedStart(0.8, 0.9, 1.0, 0.1, 3.0, 2, 0.6, 0.4),
     learning=SampleLearning(
         memory=Off(),
@@ -87,13 +90,14 @@ FUSED = Method(
     way_back=WayBack(1e4, 3, 0.7, 0.2),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0),
     tones=ToneMatching(9.0, 0.4, 0.3, 0.7),
+    uncertainty=PoseUncertainty(1.0, 0.2, 0.3, 0.4),
 )
 EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=GaussNewton(9, 0.1), learning=Off())]
 
 
 def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
     region, rest = FUSED.targets[1], (FUSED.prediction, FUSED.recovery, FUSED.sight, FUSED.way_back, FUSED.confidence)
-    rest = (*rest, FUSED.tones)
+    rest = (*rest, FUSED.tones, FUSED.uncertainty)
     for part in (region, region.colours, *rest):  # type: ignore[union-attr]
         for item in fields(part):
             assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name

@@ -21,6 +21,8 @@ EYE_DIRECTION = (0.6, -0.55, -1.0)
 """From the parts to the eye of the 3D view: on the camera's side, up and to the right; camera frame."""
 EYE_DISTANCE = 3.4
 """In radii of what is to be seen."""
+PAIRS = ("pose_error", "uncertainty")
+"""Curves of two values, of turn and shift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,7 @@ def _space(root: str, name: str, objects: Sequence[str], spot: Spot) -> Any:
     """The parts in space before their image."""
     import rerun.blueprint as rrb
 
-    shown = [f"+ {root}{part}/**" for part in ("mesh", "truth", "trajectory")]
+    shown = [f"+ {root}{part}/**" for part in ("mesh", "truth", "trajectory", "uncertainty")]
     shown += [f"+ {root}camera", f"+ {root}camera/image", *(f"- {root}truth/{name}/cad_edges" for name in objects)]
     direction = np.array(EYE_DIRECTION) / np.linalg.norm(EYE_DIRECTION)
     eye = spot.centre + EYE_DISTANCE * spot.reach * direction
@@ -142,12 +144,17 @@ def _curves(roots: Sequence[str]) -> list[Any]:
             name=name,
             axis_y=None if y_range is None else rrb.ScalarAxis(range=y_range),
             # Each stage of the time has a colour of its own, and their legend would hide them.
-            plot_legend=rrb.PlotLegend(visible=curve == "pose_error" or (len(roots) > 1 and curve != "ms")),
+            plot_legend=rrb.PlotLegend(visible=curve in PAIRS or (len(roots) > 1 and curve != "ms")),
         )
 
     return [
         plot("quality", "quality", (0.0, 1.0)),
-        rrb.Tabs(plot("add_percent", "ADD(-S) %"), plot("pose_error", "deg, mm"), active_tab=0),
+        rrb.Tabs(
+            plot("add_percent", "ADD(-S) %"),
+            plot("pose_error", "deg, mm"),
+            plot("uncertainty", "known to"),
+            active_tab=0,
+        ),
         rrb.Tabs(plot("loss", "loss"), plot("step_loss", "loss of steps"), active_tab=0),
         rrb.Tabs(plot("ms", "ms"), plot("iterations", "iterations"), plot("region", "region"), active_tab=0),
     ]

@@ -23,14 +23,16 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import TrackedObject
 from acp_lab.tracking.result import TrackResult, TrackState
+from acp_lab.tracking.uncertainty import spread
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-CURVES = ("quality", "loss", "add_percent", "pose_error", "iterations", "ms", "region", "step_loss")
+CURVES = ("quality", "loss", "add_percent", "pose_error", "uncertainty", "iterations", "ms", "region", "step_loss")
 """Entities below `curves/`; each has one curve per object but for those with SERIES."""
 SERIES = {
     "pose_error": {"rotation [deg]": SKY, "translation [mm]": ORANGE},
+    "uncertainty": {"turn [deg]": SKY, "shift [mm]": ORANGE},
     "ms": {
         "undistort": GREY,
         "image": SKY,
@@ -92,6 +94,8 @@ class CurveLog:
         if error is not None:
             self._log_scalars("add_percent", add_percent)
             self._log_scalars("pose_error", error.rotation_deg, error.translation_mm)
+        if result.covariance is not None:
+            self._log_scalars("uncertainty", *spread(result.covariance))
         self._log_scalars("iterations", result.iterations)
         self._log_scalars("ms", *(1e3 * seconds for seconds in (*stages, times.total_s)))
         self._log_scalars("region", result.region)
@@ -120,6 +124,9 @@ class CurveLog:
             f"quality {result.quality:.2f}, loss {result.loss:.2f}, region {REGION_NAMES[result.region]}, "
             f"{result.iterations} iterations, {1e3 * result.timings.total_s:.1f} ms"
         )
+        if result.covariance is not None:
+            turn_deg, shift_mm = spread(result.covariance)
+            lines.append(f"known to {turn_deg:.2f} deg, {shift_mm:.2f} mm (one standard deviation)")
         if error is not None:
             lines.append(
                 f"{self._add_percent.metric} {add_percent:.2f} % of the diameter, {error.rotation_deg:.2f} deg, "

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from acp_lab.display.colours import GREEN, GREY, PURPLE, YELLOW, lighter, residual_colours, to_bytes
 from acp_lab.display.replay.columns import ColumnBuffer
@@ -27,6 +28,8 @@ STROKE_PX = 3.0
 """Length of one generated edge point's stroke."""
 TRAIL_FRAMES = 100
 GHOST_OPACITY = 0.3
+CHI2_95 = 7.815
+"""95% of chi-squared with three degrees of freedom."""
 LABELS = ("I1", "I2", "I3", "I4")
 _NO_STROKES = np.zeros((0, 2, 2), np.float32)
 _NO_POINTS = np.zeros((0, 2), np.float32)
@@ -67,6 +70,7 @@ class ObjectLog:
         now(f"mesh/{name}/cad_edges", rr.LineStrips3D(creases, colors=to_bytes(lighter(self._rgb)), radii=thin))
         now(f"mesh/{name}/regions", rr.LineStrips3D(box_lines(part), colors=to_bytes(GREY), radii=thin))
         style(f"trajectory/{name}", rr.LineStrips3D.from_fields(colors=own, radii=thick))
+        style(f"uncertainty/{name}", rr.Ellipsoids3D.from_fields(colors=to_bytes(YELLOW), line_radii=thin))
         if self._has_truth:
             green = to_bytes(GREEN)
             now(f"truth/{name}", mesh_of(part, green, GHOST_OPACITY))
@@ -93,6 +97,7 @@ class ObjectLog:
         self._log_region(result.region)
         self._log_pose(f"mesh/{name}", result.cam_T_obj)
         self._log_trail(f"trajectory/{name}", result.cam_T_obj)
+        self._log_uncertainty(result)
         self._log_edges(result)
         self._log_target(result.target)
         quad = pixels(result.control_points)
@@ -150,6 +155,23 @@ class ObjectLog:
         trail.append(transform(cam_T_obj, self._tracked.part.box_centre))
         if len(trail) > 1:
             self._log.row(entity, rr.LineStrips3D, strips=[np.array(trail, np.float32)])
+
+    def _log_uncertainty(self, result: TrackResult) -> None:
+        """The ellipsoid that holds the part's centre with a probability of 95%, given that the pose is right."""
+        import rerun as rr
+
+        nothing = np.zeros((0, 3))
+        half_sizes, centres, turns = nothing, nothing, np.zeros((0, 4))
+        if result.covariance is not None:
+            variances, axes = np.linalg.eigh(result.covariance[3:, 3:])
+            # A rotation, not a reflection.
+            axes[:, 0] *= np.sign(np.linalg.det(axes))
+            half_sizes = np.sqrt(CHI2_95 * np.maximum(variances, 0.0))[None]
+            centres = transform(result.cam_T_obj, self._tracked.part.box_centre)[None]
+            turns = Rotation.from_matrix(axes).as_quat()[None]
+        self._log.row(
+            f"uncertainty/{self._name}", rr.Ellipsoids3D, half_sizes=half_sizes, centers=centres, quaternions=turns
+        )
 
     def _log_edges(self, result: TrackResult) -> None:
         import rerun as rr

@@ -1,0 +1,66 @@
+"""How exact is a pose, given that it is right? Its covariance, for those who fuse, grasp or measure with it.
+
+The solve's own covariance, from residuals that are taken as independent, is far too small: neighbouring edge samples
+err together. Four terms were fitted to errors on tuning parts (`benchmarks/uncertainty.py`, docs/benchmark.md): a
+multiple of the solve's own; outlines that lie beside the CAD's by the same length everywhere, which looks like another
+distance, dz / z = length / radius; turns that move the part's rim by a share of a px; and shifts by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
+
+
+@dataclass(frozen=True)
+class PoseUncertainty:
+    """Configuration: the terms of the covariance.
+
+    Attributes:
+        image: multiple of the solve's own covariance.
+        outline_mm: standard deviation of how far outlines lie beside the CAD's, all of them alike.
+        turn_px, shift_px: standard deviation of the rim's motion by turns, and of the part's by shifts.
+    """
+
+    kind: ClassVar[str] = "calibrated"
+    image: float = 2.8
+    outline_mm: float = 0.077
+    turn_px: float = 0.38
+    shift_px: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("image", "outline_mm", "turn_px", "shift_px"):
+            if not 0.0 <= getattr(self, name) < float("inf"):
+                raise TrackingError(f"uncertainty.{name} = {getattr(self, name):g}: give 0 or more")
+
+    def covariance(
+        self, information: FloatArray, centre_cam: FloatArray, camera: Camera, radius_mm: float
+    ) -> FloatArray:
+        """(6, 6) of a pose step (rad, mm) about the part's centre, in camera axes.
+
+        Args:
+            information: (6, 6) by the image alone, see `Solution.information`.
+            centre_cam: (3,) mm, the part's centre.
+            radius_mm: half the part's diameter.
+        """
+        towards = np.concatenate([np.zeros(3), centre_cam / radius_mm])
+        # A direction that the image says nothing of is as uncertain as can be, not infinitely so.
+        known = information + np.diag(1e-9 * np.diag(information) + 1e-9)
+        covariance = self.image * np.linalg.inv(known)
+        covariance += self.outline_mm**2 * np.outer(towards, towards)
+        mm_per_px = centre_cam[2] / camera.fx
+        covariance[:3, :3] += np.eye(3) * (self.turn_px * mm_per_px / radius_mm) ** 2
+        covariance[3:, 3:] += np.eye(3) * (self.shift_px * mm_per_px) ** 2
+        return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def spread(covariance: FloatArray) -> tuple[float, float]:
+    """Standard deviations (deg, mm) of a covariance (6, 6): of the turn and of the shift that are least known."""
+    turn, shift = (np.linalg.eigvalsh(block)[-1] for block in (covariance[:3, :3], covariance[3:, 3:]))
+    return float(np.degrees(np.sqrt(max(turn, 0.0)))), float(np.sqrt(max(shift, 0.0)))
