@@ -5,10 +5,10 @@
 
 Each sequence is tracked forwards and backwards from truth, every second frame, from starts 2 and 5 degrees and mm off,
 and once for each fault of `faulty_frames`, which is there in four frames of twelve. Beside every fourth frame three
-poses 3 to 20% of the diameter away are judged as they are; faults are reported together with these. Right: ADD (ADD-S
-for symmetric parts) below 5% of the diameter. Reported: the expected calibration error in ten bins, and the area under
-the ROC curve against ADD above 10%. PARTS holds
-prepared parts, or one folder of them per data set; --fit prints the weights of `acp_lab.tracking.confidence`.
+poses 3 to 20% of the diameter away are judged as they are. Right: ADD (ADD-S for symmetric parts) below 5% of the
+diameter. Reported: the expected calibration error in ten bins, and the area under the ROC curve against ADD above 10%;
+of each fault together with all poses that have none. PARTS holds prepared parts, or one folder of them per data set;
+--fit prints the weights of `acp_lab.tracking.confidence`.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def main() -> None:
         "all, with faults": _row(judged, method.confidence),
     }
     for fault in FAULTS:
-        values[fault] = _row([one for one in judged if one.kind in (fault, "disturbed")], method.confidence)
+        values[fault] = _row([one for one in judged if one.kind not in FAULTS or one.kind == fault], method.confidence)
     for name, row in values.items():
         print(name, row)
     if args.picture:
