@@ -223,7 +223,7 @@ ACP_EDGES = replace(
     sight=Off(),
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, measures=False),
     recovery=SecondTries(),
-    learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0), learn_above=0.7),
+    learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0), polarity=Off(), learn_above=0.7),
     confidence=EDGES_ALONE,
     uncertainty=Off(),
 )

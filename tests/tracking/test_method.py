@@ -264,8 +264,8 @@ def test_the_same_with_what_makes_them_whole() -> None:
 def test_losses_and_learning_that_are_none_are_refused() -> None:
     with pytest.raises(TrackingError, match=r"loss form printed: eq\. 6 has a pole at D = alpha"):
         DistanceMap("printed")
-    with pytest.raises(TrackingError, match=r"all off: give learning\.kind"):
-        SampleLearning(Off(), Off(), Off())
+    with pytest.raises(TrackingError, match=r"are off: give learning\.kind"):
+        SampleLearning(Off(), Off(), Off(), Off())
     for kind in (DistanceMap, NormalSearch, RegionLines):
         for precision in (0.0, -1.0, float("inf"), float("nan")):
             with pytest.raises(TrackingError, match=r"^targets\.precision = .*: give a number above 0$"):

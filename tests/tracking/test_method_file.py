@@ -14,6 +14,7 @@ from acp_lab.tracking.confidence import Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+from acp_lab.tracking.learning.polarity import PolarityConfig
 from acp_lab.tracking.learning.region_colours import ColourConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig
 from acp_lab.tracking.method import ACP, ACP_PAPER, DIRECT_6DOF, METHODS, Method
@@ -72,6 +73,7 @@ NORMALS = Method(
         memory=Off(),
         offsets=OffsetConfig(0.4, known_spread=0.5, inner_limits=(0.2, 0.9)),
         reliability=ReliabilityConfig(scatter_px=0.6),
+        polarity=PolarityConfig(0.2, 0.4, 5.0, 0.1, 2.0),
         learn_above=0.5,
         trust_from_sigma_px=1.0,
     ),

@@ -1,11 +1,13 @@
 """What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
 
-Each of the three can be switched off. All start empty in the first frame.
+And how far all outlines lie to their bright side. Each of the four can be switched off. All start empty in the first
+frame.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +20,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets, OffsetConfig
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
 
 
@@ -45,6 +48,7 @@ class SampleLearning:
 
     Attributes:
         memory: how each edge looked; offsets: where it lies beside the CAD's; reliability: how steadily it was found.
+        polarity: how far all outlines are shifted towards their bright side.
         learn_above: share of the running mean quality below which a frame teaches nothing.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
             every sample helps to find the way.
@@ -54,12 +58,13 @@ class SampleLearning:
     memory: MemoryConfig | Off = field(default_factory=MemoryConfig)
     offsets: OffsetConfig | Off = field(default_factory=OffsetConfig)
     reliability: ReliabilityConfig | Off = field(default_factory=ReliabilityConfig)
+    polarity: PolarityConfig | Off = field(default_factory=PolarityConfig)
     learn_above: float = 0.5
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
-        if all(isinstance(part, Off) for part in (self.memory, self.offsets, self.reliability)):
-            raise TrackingError('learning: memory, offsets and reliability are all off: give learning.kind = "off"')
+        if all(isinstance(part, Off) for part in (self.memory, self.offsets, self.reliability, self.polarity)):
+            raise TrackingError('learning: all its parts are off: give learning.kind = "off"')
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +90,20 @@ class Matches:
     sure_residuals_px: FloatArray
     expected: ExpectedOffsets | None
 
+    @property
+    def gradients(self) -> FloatArray:
+        """(n,) grey levels per px of the chosen edges, along the normals."""
+        chosen: FloatArray = self.candidates.gradients[np.arange(len(self.best)), self.best]
+        return chosen
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """(n, 6) px along the normals by a pose step."""
+        return self.at.lines(self.points_obj, self.normals).jacobian
+
 
 class SampleKnowledge:
-    """The memories of one tracked part; memory, offsets and reliability are None where they are off.
+    """The memories of one tracked part; memory, offsets, reliability and polarity are None where they are off.
 
     edges: the part's 3D edge samples.
     """
@@ -99,6 +115,7 @@ class SampleKnowledge:
         self.memory: EdgeMemory | None = None
         self.offsets: ContourOffsets | None = None
         self.reliability: SampleReliability | None = None
+        self.polarity: EdgePolarity | None = None
         if not isinstance(config, SampleLearning):
             return
         if isinstance(config.memory, MemoryConfig):
@@ -107,6 +124,8 @@ class SampleKnowledge:
             self.offsets = ContourOffsets(edges, model.part.diameter, model.edge_break_mm, config.offsets)
         if isinstance(config.reliability, ReliabilityConfig):
             self.reliability = SampleReliability(len(edges), config.reliability)
+        if isinstance(config.polarity, PolarityConfig):
+            self.polarity = EdgePolarity(config.polarity)
 
     def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:
         """(n, m) scores, less for candidates that contradict what their sample looked like."""
@@ -119,6 +138,10 @@ class SampleKnowledge:
         directions = at.lines(self.edges.points_obj[edges.sample_ids], normals).directions
         return self.offsets.expect(edges.sample_ids, edges.outline, directions @ at.cam_T_obj[:3, :3])
 
+    def shifts(self, edges: GeneratedEdges, candidates: Candidates) -> FloatArray | float:
+        """(n, m) px along the normals by which candidates lie to the bright side of where they belong."""
+        return 0.0 if self.polarity is None else self.polarity.expect(candidates.gradients, edges.outline)
+
     def trust(self, edges: GeneratedEdges, expected: ExpectedOffsets | None, sigma_px: float) -> FloatArray | None:
         """(n,) weights in (0, 1] at a level of that sigma; None where all samples count alike."""
         if not isinstance(self.config, SampleLearning) or sigma_px > self.config.trust_from_sigma_px:
@@ -129,10 +152,14 @@ class SampleKnowledge:
         return steady if expected is None else expected.weights * steady
 
     def measure_offsets(self, matches: Matches) -> None:
-        """Take in the offsets that a trusted pose shows."""
-        if self.offsets is not None and matches.expected is not None:
-            edges = matches.edges
-            self.offsets.learn(edges.sample_ids, edges.outline, matches.expected, matches.sure_residuals_px)
+        """Take in the offsets that a trusted pose shows, and before them what all outlines have in common."""
+        if self.offsets is None or matches.expected is None:
+            return
+        ids, outline, residuals_px = matches.edges.sample_ids, matches.edges.outline, matches.sure_residuals_px
+        if self.polarity is not None:
+            shift_px = self.polarity.measure(matches.gradients, outline, residuals_px, matches.jacobian, rate=1.0)
+            residuals_px = residuals_px - shift_px * np.sign(matches.gradients) * outline
+        self.offsets.learn(ids, outline, matches.expected, residuals_px)
 
     def learns_from(self, quality: float, mean_quality: float) -> bool:
         """Whether a frame of that quality teaches anything."""
@@ -146,9 +173,12 @@ class SampleKnowledge:
         if self.memory is not None:
             self.memory.learn(ids, matches.candidates, matches.best, np.nan_to_num(residuals_px, nan=np.inf))
         if self.offsets is not None:
-            rows = matches.at.lines(matches.points_obj, matches.normals).jacobian
-            self.offsets.observe_scatter(ids, outline, residuals_px, rows)
+            self.offsets.observe_scatter(ids, outline, residuals_px, matches.jacobian)
             if matches.expected is not None:
                 self.offsets.follow(ids, outline, matches.expected, matches.sure_residuals_px)
         if self.reliability is not None:
             self.reliability.learn(ids, outline, residuals_px)
+        if self.polarity is not None:
+            rate = self.polarity.config.rate
+            sure_px = matches.sure_residuals_px
+            self.polarity.measure(matches.gradients, outline, sure_px, matches.jacobian, rate)

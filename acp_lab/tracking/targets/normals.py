@@ -128,7 +128,7 @@ class NormalMeasure:
             scores = knowledge.agreement(edges.sample_ids, self.candidates, scores)
         self.scores: FloatArray = np.where(scores > config.min_score, scores, 0.0) * edges.weights[:, None]
         self.expected = knowledge.expect(edges, self.normals, at)
-        self.targets: FloatArray = self.candidates.offsets
+        self.targets: FloatArray = self.candidates.offsets - knowledge.shifts(edges, self.candidates)
         if self.expected is not None:
             self.targets = self.targets - self.expected.offsets_px[:, None]
         self._trust = knowledge.trust(edges, self.expected, self._sigma_px)

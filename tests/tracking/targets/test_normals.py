@@ -182,7 +182,7 @@ def test_expected_offsets_move_the_goal(
 def test_the_memory_weakens_what_looked_otherwise_but_not_when_poses_are_compared(
     at: Estimate, edges: GeneratedEdges, model: PreparedPart
 ) -> None:
-    knowledge = SampleKnowledge(SampleLearning(offsets=Off()), model)
+    knowledge = SampleKnowledge(SampleLearning(offsets=Off(), polarity=Off()), model)
     target = target_of(at, NormalSearch(), knowledge)
     before, plain = target.search(edges, at, LEVEL), target.agreement(edges, at, LEVEL, 1.2)
     matches = before.judge(edges, edges, at).matches

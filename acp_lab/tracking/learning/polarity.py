@@ -1,0 +1,92 @@
+"""Image outlines lie to the dark or to the bright side of where they belong, all of them alike.
+
+Where a rounded rim turns away from the light it is darker than the face beside it; a bright ground shines past a
+blurred outline; a camera encodes light by a curve that nobody knows. Each shifts the place of steepest grey towards one
+side of the edge, and where the part is brighter than its ground on one side of the image and darker on the other, it is
+drawn sideways or away. Where both polarities are in the image the shift can be told from a motion of the part.
+(Not in the paper, which takes edges as they are; see docs/paper-ledger.md.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import BoolArray, FloatArray
+
+_LEAST_POINTS = 30
+
+
+@dataclass(frozen=True)
+class PolarityConfig:
+    """How the shift is learnt.
+
+    Attributes:
+        spread_px: standard deviation of the shift, from sequence to sequence.
+        scatter_px: of a residual; alike: how many residuals err together.
+        rate: share of what a frame shows that is taken over.
+        largest_px: no shift is taken as larger.
+    """
+
+    kind: ClassVar[str] = "on"
+    spread_px: float = 0.3
+    scatter_px: float = 0.5
+    alike: float = 10.0
+    rate: float = 0.15
+    largest_px: float = 1.5
+
+    def __post_init__(self) -> None:
+        for name in ("spread_px", "scatter_px", "alike", "largest_px"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise TrackingError(f"learning.polarity.{name} = {getattr(self, name):g}: give a number above 0")
+        if not 0.0 <= self.rate <= 1.0:
+            raise TrackingError(f"learning.polarity.rate = {self.rate:g}: give 0 to 1")
+
+
+class EdgePolarity:
+    """The shift of one tracked part's outlines. shift_px: towards where it is brighter."""
+
+    def __init__(self, config: PolarityConfig) -> None:
+        self.config = config
+        self.shift_px = 0.0
+
+    def expect(self, gradients: FloatArray, outline: BoolArray) -> FloatArray:
+        """(n, m) px along the normals by which candidates lie off; gradients: (n, m) theirs along the normals."""
+        return self.shift_px * np.sign(gradients) * outline[:, None]
+
+    def measure(
+        self, gradients: FloatArray, outline: BoolArray, residuals_px: FloatArray, jacobian: FloatArray, rate: float
+    ) -> float:
+        """Take over a share of what a solved frame shows; by how much the shift moved, px.
+
+        Args:
+            gradients: (n,) of the chosen candidates, along the normals.
+            outline: (n,) bool.
+            residuals_px: (n,) beside the expected shift, NaN where nothing was seen.
+            jacobian: (n, 6) of the motion along the normals by a pose step. What a step explains is no shift.
+            rate: that share, for a shift that the frame shows beyond doubt.
+        """
+        config, before = self.config, self.shift_px
+        rows = np.flatnonzero(np.isfinite(residuals_px))
+        if len(rows) < _LEAST_POINTS:
+            return 0.0
+        residuals = residuals_px[rows]
+        towards_bright = np.sign(gradients[rows]) * outline[rows]
+        columns = np.column_stack([towards_bright, jacobian[rows]])
+        columns[:, 1:] /= np.abs(columns[:, 1:]).max(axis=0).clip(1e-12)  # rad and mm alike
+        doubt = config.alike * (config.scatter_px / config.spread_px) ** 2
+        prior = np.diag([doubt] + [1e-6] * 6)
+        found = np.zeros(7)
+        left: FloatArray = residuals
+        for _ in range(2):  # the second time around what the first one found
+            weighted = columns / (1.0 + (left / config.scatter_px) ** 2)[:, None] ** 2
+            side = weighted.T @ residuals
+            side[0] -= doubt * before  # without evidence there is no shift
+            found = np.linalg.solve(columns.T @ weighted + prior, side)
+            left = residuals - columns @ found
+        moved = rate * float(found[0])
+        self.shift_px = float(np.clip(before + moved, -config.largest_px, config.largest_px))
+        return self.shift_px - before

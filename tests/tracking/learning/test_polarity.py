@@ -1,0 +1,103 @@
+"""The common shift of outlines towards their bright side: told from a motion where both polarities are seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import BoolArray, FloatArray
+from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
+
+COUNT = 240
+ANGLES = np.linspace(0.0, 2.0 * np.pi, COUNT, endpoint=False)
+NORMALS = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)  # outward, of a disc
+OUTLINE = np.ones(COUNT, bool)
+BRIGHT_TO_THE_LEFT = np.where(NORMALS[:, 0] < 0.0, 3.0, -3.0)
+"""Gradients along the normals: the ground is brighter than the part on the left, darker on the right."""
+
+
+def jacobian() -> FloatArray:
+    """(n, 6) of a disc before a camera: shifts in the image, scale by distance, turns that squeeze."""
+    x, y = NORMALS.T
+    return np.column_stack([0.3 * x * y, 0.3 * x**2, np.zeros(COUNT), x, y, -np.ones(COUNT)]) * 1.7
+
+
+def learnt(
+    residuals: FloatArray, gradients: FloatArray, frames: int = 1, rate: float = 1.0, outline: BoolArray = OUTLINE
+) -> EdgePolarity:
+    """After frames in which the shift that is known already is taken off."""
+    polarity = EdgePolarity(PolarityConfig())
+    for _ in range(frames):
+        beside = residuals - polarity.expect(gradients[:, None], outline)[:, 0]
+        polarity.measure(gradients, outline, beside, jacobian(), rate)
+    return polarity
+
+
+def noise(seed: int = 0) -> FloatArray:
+    return np.random.default_rng(seed).normal(0.0, 0.1, COUNT)
+
+
+@pytest.mark.parametrize("shift_px", [-0.5, 0.4])
+def test_a_shift_is_learnt_beside_a_motion(shift_px: float) -> None:
+    """Gradients of both signs all around: every third edge point has the other one."""
+    gradients = np.where(np.arange(COUNT) % 3 == 0, -4.0, 4.0)
+    motion = jacobian() @ np.array([0.1, -0.1, 0.0, 0.2, -0.3, 0.15])
+    found = learnt(shift_px * np.sign(gradients) + motion + noise(), gradients, frames=8)
+    # A little less than what is there: without evidence there is no shift.
+    assert 0.75 < found.shift_px / shift_px < 1.05
+
+
+def test_a_motion_is_no_shift() -> None:
+    motion = jacobian() @ np.array([0.1, -0.1, 0.0, 0.2, -0.3, 0.15])
+    found = learnt(motion + noise(), np.where(np.arange(COUNT) % 3 == 0, -4.0, 4.0), frames=8)
+    assert abs(found.shift_px) < 0.05
+
+
+def test_where_a_motion_explains_it_as_well_it_stays_small() -> None:
+    # Bright all around: the same as another distance.
+    assert abs(learnt(np.full(COUNT, 0.5) + noise(), np.full(COUNT, 4.0), frames=20).shift_px) < 0.02
+    # Bright on the left, dark on the right: mostly like a shift of the part.
+    sideways = learnt(0.5 * np.sign(BRIGHT_TO_THE_LEFT) + noise(), BRIGHT_TO_THE_LEFT, frames=1)
+    assert 0.0 < sideways.shift_px < 0.4
+
+
+def test_wrong_image_edges_hardly_count() -> None:
+    gradients = np.where(np.arange(COUNT) % 3 == 0, -4.0, 4.0)
+    residuals = 0.4 * np.sign(gradients) + noise()
+    residuals[::5] = 4.0 * np.sign(gradients[::5])
+    assert 0.25 < learnt(residuals, gradients, frames=8).shift_px < 0.45
+
+
+def test_inner_creases_and_unseen_points_say_nothing() -> None:
+    gradients = np.where(np.arange(COUNT) % 3 == 0, -4.0, 4.0)
+    residuals = 0.4 * np.sign(gradients)
+    assert learnt(residuals, gradients, outline=np.zeros(COUNT, bool)).shift_px == pytest.approx(0.0, abs=1e-12)
+    unseen = np.full(COUNT, np.nan)
+    unseen[:20] = residuals[:20]
+    assert learnt(unseen, gradients).shift_px == 0.0
+    assert EdgePolarity(PolarityConfig()).measure(gradients, OUTLINE, unseen, jacobian(), 1.0) == 0.0
+
+
+def test_it_follows_slowly_and_only_so_far() -> None:
+    gradients = np.where(np.arange(COUNT) % 3 == 0, -4.0, 4.0)
+    at_once, slowly = (learnt(0.4 * np.sign(gradients), gradients, rate=rate) for rate in (1.0, 0.1))
+    assert slowly.shift_px == pytest.approx(0.1 * at_once.shift_px)
+    far = EdgePolarity(PolarityConfig(largest_px=0.2))
+    moved = far.measure(gradients, OUTLINE, 0.4 * np.sign(gradients), jacobian(), 1.0)
+    assert moved == far.shift_px == pytest.approx(0.2)
+
+
+def test_candidates_are_expected_on_their_bright_side() -> None:
+    polarity = EdgePolarity(PolarityConfig())
+    polarity.shift_px = 0.3
+    expected = polarity.expect(np.array([[5.0, -2.0], [-1.0, 0.0]]), np.array([True, False]))
+    np.testing.assert_allclose(expected, [[0.3, -0.3], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    "values", [{"spread_px": 0.0}, {"scatter_px": float("nan")}, {"alike": -1.0}, {"rate": 1.5}, {"largest_px": 0.0}]
+)
+def test_nonsense_is_refused(values: dict[str, float]) -> None:
+    with pytest.raises(TrackingError, match=f"learning.polarity.{next(iter(values))}"):
+        PolarityConfig(**values)
