@@ -79,13 +79,13 @@ class EdgePolarity:
         columns[:, 1:] /= np.abs(columns[:, 1:]).max(axis=0).clip(1e-12)  # rad and mm alike
         doubt = config.alike * (config.scatter_px / config.spread_px) ** 2
         prior = np.diag([doubt] + [1e-6] * 6)
-        found = np.zeros(7)
+        found: FloatArray = np.zeros(7)
         left: FloatArray = residuals
         for _ in range(2):  # the second time around what the first one found
             weighted = columns / (1.0 + (left / config.scatter_px) ** 2)[:, None] ** 2
             side = weighted.T @ residuals
             side[0] -= doubt * before  # without evidence there is no shift
-            found = np.linalg.solve(columns.T @ weighted + prior, side)
+            found = np.asarray(np.linalg.solve(columns.T @ weighted + prior, side), np.float64)
             left = residuals - columns @ found
         moved = rate * float(found[0])
         self.shift_px = float(np.clip(before + moved, -config.largest_px, config.largest_px))
