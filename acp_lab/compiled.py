@@ -18,7 +18,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def kernel(*signatures: str, fastmath: frozenset[str] = frozenset()) -> Callable[[Function], Function]:
     """Decorator: compile a function for these signatures, such as "f8[:](f8[:, ::1], i8)".
 
-    fastmath: LLVM's flags for sums in another order and the like; none that forgets NaN, which marks what is not known.
+    A division by 0 gives infinity or NaN, as in NumPy. A kernel that calls one of another module is compiled anew when
+    its own file changes, not when that one does. fastmath: LLVM's flags for sums in another order and the like; none
+    that forgets NaN, which marks what is not known.
     """
-    compiled = numba.njit(list(signatures), cache=True, nogil=True, fastmath=set(fastmath))
+    compiled = numba.njit(list(signatures), cache=True, nogil=True, error_model="numpy", fastmath=set(fastmath))
     return cast("Callable[[Function], Function]", compiled)

@@ -19,7 +19,9 @@ import trimesh
 
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
+from acp_lab.compiled import kernel
 from acp_lab.errors import PartError
+from acp_lab.geometry.arrays import plain
 
 CREASE_ANGLE_DEG = 25.0
 # Two triangles of one flat face differ by rounding only; below this no silhouette can lie between them.
@@ -52,6 +54,13 @@ class EdgeSamples:
     convex: np.ndarray
     spacing_mm: float
 
+    def __post_init__(self) -> None:
+        # As compiled loops take them.
+        for name in ("points_obj", "tangents_obj", "normals_obj"):
+            object.__setattr__(self, name, plain(getattr(self, name)))
+        for name in ("crease", "convex"):
+            object.__setattr__(self, name, np.require(getattr(self, name), np.bool_, ("C", "W")))
+
     def __len__(self) -> int:
         return len(self.points_obj)
 
@@ -59,7 +68,7 @@ class EdgeSamples:
     def planes(self) -> tuple[np.ndarray, np.ndarray]:
         """All faces' planes as (2, n, 3) normals and (2, n) offsets: a face turns to e when normal . e > offset."""
         normals = np.ascontiguousarray(self.normals_obj.transpose(1, 0, 2))
-        return normals, np.einsum("knj,nj->kn", normals, self.points_obj)
+        return normals, plain(np.einsum("knj,nj->kn", normals, self.points_obj))
 
     def take(self, rows: np.ndarray) -> EdgeSamples:
         """The samples of `rows` (k,), in that order."""
@@ -169,10 +178,22 @@ def facing(edges: EdgeSamples, eye_obj: np.ndarray) -> Facing:
     both do, a smooth edge only as a silhouette.
     """
     normals, offsets = edges.planes
-    # One matrix-vector product over both faces; on the per-frame path.
-    first, second = (normals.reshape(-1, 3) @ eye_obj).reshape(offsets.shape) > offsets
-    outline = (first != second) & edges.convex
-    return Facing(outline | (first & second & edges.crease), outline)
+    shows, outline = np.empty((2, len(edges)), np.bool_)
+    _facing(normals, offsets, edges.convex, edges.crease, plain(eye_obj), shows, outline)
+    return Facing(shows, outline)
+
+
+@kernel("void(f8[:, :, ::1], f8[:, ::1], b1[::1], b1[::1], f8[::1], b1[::1], b1[::1])")
+def _facing(
+    normals: np.ndarray, offsets: np.ndarray, convex: np.ndarray, crease: np.ndarray, eye: np.ndarray,
+    shows: np.ndarray, outline: np.ndarray,
+) -> None:  # fmt: skip
+    """Fill shows and outline (n,), see `Facing`; normals, offsets: see `EdgeSamples.planes`."""
+    for i in range(len(convex)):
+        first = normals[0, i, 0] * eye[0] + normals[0, i, 1] * eye[1] + normals[0, i, 2] * eye[2] > offsets[0, i]
+        second = normals[1, i, 0] * eye[0] + normals[1, i, 1] * eye[1] + normals[1, i, 2] * eye[2] > offsets[1, i]
+        outline[i] = (first != second) and convex[i]
+        shows[i] = outline[i] or (first and second and crease[i])
 
 
 def nearly_showing(edges: EdgeSamples, eye_obj: np.ndarray, margin_deg: float = 5.0) -> np.ndarray:

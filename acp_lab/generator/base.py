@@ -19,8 +19,10 @@ import cv2
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
+from acp_lab.compiled import kernel
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
+from acp_lab.geometry.arrays import plain
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 
@@ -111,10 +113,39 @@ def project_samples(
     edges: EdgeSamples, visible: VisibleSamples, cam_T_obj: np.ndarray, camera: Camera
 ) -> GeneratedEdges:
     """The edge points of visible samples at a pose (4, 4) in the image of `camera`."""
-    points_cam = edges.points_obj[visible.ids] @ cam_T_obj[:3, :3].T + cam_T_obj[:3, 3]
-    tangents_cam = edges.tangents_obj[visible.ids] @ cam_T_obj[:3, :3].T
-    tangents = image_tangents(points_cam, tangents_cam, camera)
-    return GeneratedEdges(camera.project(points_cam), tangents, visible.weights, visible.ids, visible.outline)
+    points, tangents = np.empty((2, len(visible.ids), 2))
+    ids = np.ascontiguousarray(visible.ids, np.int64)
+    _project(edges.points_obj, edges.tangents_obj, ids, plain(cam_T_obj), camera.numbers, points, tangents)
+    return GeneratedEdges(points, tangents, visible.weights, visible.ids, visible.outline)
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], i8[::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1])")
+def _project(
+    points_obj: np.ndarray, tangents_obj: np.ndarray, ids: np.ndarray, pose: np.ndarray, camera: np.ndarray,
+    points: np.ndarray, tangents: np.ndarray,
+) -> None:  # fmt: skip
+    """Fill points and tangents (n, 2): pixels of the samples `ids` and unit directions; NaN behind the camera.
+
+    pose: (4, 4); camera: (4,), see `Camera.numbers`.
+    """
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    at, along = np.empty(3), np.empty(3)
+    for n in range(len(ids)):
+        i = ids[n]
+        for k in range(3):
+            at[k], along[k] = pose[k, 3], 0.0
+            for j in range(3):
+                at[k] += pose[k, j] * points_obj[i, j]
+                along[k] += pose[k, j] * tangents_obj[i, j]
+        if not at[2] > 0.0:
+            points[n] = np.nan
+            tangents[n] = np.nan
+            continue
+        points[n, 0], points[n, 1] = fx * at[0] / at[2] + cx, fy * at[1] / at[2] + cy
+        slope = along[2] / at[2]
+        x, y = fx * (along[0] - at[0] * slope), fy * (along[1] - at[1] * slope)
+        length = max(np.sqrt(x * x + y * y), 1e-12)
+        tangents[n, 0], tangents[n, 1] = x / length, y / length
 
 
 def image_tangents(points_cam: np.ndarray, tangents_cam: np.ndarray, camera: Camera) -> np.ndarray:

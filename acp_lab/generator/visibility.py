@@ -18,6 +18,7 @@ import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples, facing
 from acp_lab.cad.part import Part
+from acp_lab.compiled import kernel
 from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, canonical_frame, eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
@@ -41,10 +42,18 @@ class RegionNetwork:
     bias3: np.ndarray
     rows: np.ndarray
 
+    def __post_init__(self) -> None:
+        # As compiled loops take them.
+        for layer in (1, 2, 3):
+            for name in (f"weight{layer}", f"bias{layer}"):
+                object.__setattr__(self, name, np.require(getattr(self, name), np.float32, ("C", "W")))
+        object.__setattr__(self, "rows", np.require(self.rows, np.int32, ("C", "W")))
+
     def hidden(self, inputs: np.ndarray) -> np.ndarray:
         """(h,) last hidden layer for inputs (8,)."""
-        first = np.maximum(self.weight1 @ inputs + self.bias1, 0.0)
-        return np.maximum(self.weight2 @ first + self.bias2, 0.0)
+        found = np.empty(len(self.bias2), np.float32)
+        _hidden(self.weight1, self.bias1, self.weight2, self.bias2, inputs, found)
+        return found
 
     def free(self, inputs: np.ndarray, shows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """The first `count` of the samples that `shows` (n,) bool that the network calls unoccluded.
@@ -52,18 +61,55 @@ class RegionNetwork:
         Returns:
             Their ids (k,) and logits (k,); samples beyond them are never computed.
         """
-        hidden = self.hidden(inputs)
-        outputs = np.flatnonzero(shows[self.rows])
-        logits = np.empty(0, np.float32)
-        while len(logits) < len(outputs):
-            # Most samples that show are free, so 25% more than needed usually suffices.
-            wanted = count - int(np.count_nonzero(logits > 0.0))
-            if wanted <= 0:
-                break
-            more = outputs[len(logits) : len(logits) + wanted + wanted // 4 + 16]
-            logits = np.concatenate([logits, self.weight3[more] @ hidden + self.bias3[more]])
-        called = np.flatnonzero(logits > 0.0)[:count]
-        return self.rows[outputs[called]], logits[called]
+        most = min(count, len(self.rows))
+        ids, logits = np.empty(most, np.int64), np.empty(most, np.float32)
+        found = _first_free(self.weight3, self.bias3, self.rows, self.hidden(inputs), shows, ids, logits)
+        return ids[:found], logits[:found]
+
+
+@kernel(
+    "void(f4[:, ::1], f4[::1], f4[:, ::1], f4[::1], f4[::1], f4[::1])",
+    fastmath=frozenset({"reassoc", "contract", "nsz"}),
+)
+def _hidden(
+    weight1: np.ndarray, bias1: np.ndarray, weight2: np.ndarray, bias2: np.ndarray, inputs: np.ndarray,
+    found: np.ndarray,
+) -> None:  # fmt: skip
+    """Fill found (h,) with the second layer."""
+    first = np.empty_like(bias1)
+    for i in range(len(bias1)):
+        total = bias1[i]
+        for j in range(len(inputs)):
+            total += weight1[i, j] * inputs[j]
+        first[i] = max(total, np.float32(0.0))
+    for i in range(len(bias2)):
+        total = bias2[i]
+        for j in range(len(first)):
+            total += weight2[i, j] * first[j]
+        found[i] = max(total, np.float32(0.0))
+
+
+@kernel(
+    "i8(f4[:, ::1], f4[::1], i4[::1], f4[::1], b1[::1], i8[::1], f4[::1])",
+    fastmath=frozenset({"reassoc", "contract", "nsz"}),
+)
+def _first_free(
+    weights: np.ndarray, bias: np.ndarray, rows: np.ndarray, hidden: np.ndarray, shows: np.ndarray, ids: np.ndarray,
+    logits: np.ndarray,
+) -> int:  # fmt: skip
+    """Fill ids and logits with as many of the free samples as they hold; returns how many there are."""
+    count = 0
+    for k in range(len(rows)):
+        if count == len(ids):
+            break
+        if shows[rows[k]]:
+            logit = bias[k]
+            for j in range(len(hidden)):
+                logit += weights[k, j] * hidden[j]
+            if logit > 0.0:
+                ids[count], logits[count] = rows[k], logit
+                count += 1
+    return count
 
 
 def network_inputs(part: Part, eye_obj: np.ndarray, region: int, points_obj: np.ndarray | None = None) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
 """Geometry: always float64."""
@@ -16,3 +16,12 @@ Uint16Array: TypeAlias = NDArray[np.uint16]
 BoolArray: TypeAlias = NDArray[np.bool_]
 ByteImage: TypeAlias = NDArray[np.uint8]
 """(h, w) grey or (h, w, 3) RGB."""
+
+
+def plain(array: ArrayLike) -> FloatArray:
+    """An array as compiled loops take it: float64, row by row, writable; a copy only of one that is not."""
+    if type(array) is np.ndarray and array.dtype == np.float64:
+        flags = array.flags
+        if flags.c_contiguous and flags.writeable:
+            return array
+    return np.array(array, np.float64, order="C")

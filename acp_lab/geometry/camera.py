@@ -140,6 +140,11 @@ class Camera:
         k.flags.writeable = False
         return k
 
+    @property
+    def numbers(self) -> FloatArray:
+        """(4,) fx, fy, cx, cy, px: what compiled loops take."""
+        return np.array([self.fx, self.fy, self.cx, self.cy])
+
     @cached_property
     def _projection(self) -> FloatArray:
         # The first two rows of K, transposed: one small product instead of four passes over the points.

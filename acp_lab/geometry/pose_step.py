@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import FloatArray, plain
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import so3_exp, so3_log, transform
+
+_X_AND_Y = np.tile(np.eye(2), (4, 1))
 
 
 def centre_position(cam_T_obj: FloatArray, centre_obj: FloatArray) -> FloatArray:
@@ -41,11 +44,20 @@ def image_directions(points_cam: FloatArray, normals: FloatArray, camera: Camera
         points_cam: (n, 3) mm.
         normals: (n, 2) unit, image.
     """
-    inverse_depth = 1.0 / points_cam[:, 2]
-    ax = camera.fx * normals[:, 0] * inverse_depth
-    ay = camera.fy * normals[:, 1] * inverse_depth
-    az = -(ax * points_cam[:, 0] + ay * points_cam[:, 1]) * inverse_depth
-    return np.stack([ax, ay, az], 1)
+    found = np.empty((len(points_cam), 3))
+    _image_directions(plain(points_cam), plain(normals), camera.fx, camera.fy, found)
+    return found
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], f8, f8, f8[:, ::1])")
+def _image_directions(
+    points_cam: FloatArray, normals: FloatArray, fx: float, fy: float, found: FloatArray
+) -> None:  # fmt: skip
+    for i in range(len(points_cam)):
+        inverse_depth = 1.0 / points_cam[i, 2]
+        x, y = fx * normals[i, 0] * inverse_depth, fy * normals[i, 1] * inverse_depth
+        found[i, 0], found[i, 1] = x, y
+        found[i, 2] = -(x * points_cam[i, 0] + y * points_cam[i, 1]) * inverse_depth
 
 
 def step_jacobian(points_cam: FloatArray, directions: FloatArray, centre_cam: FloatArray) -> FloatArray:
@@ -53,13 +65,21 @@ def step_jacobian(points_cam: FloatArray, directions: FloatArray, centre_cam: Fl
 
     `directions` are those of `image_directions`; a . (w x r) = w . (r x a).
     """
-    arms = points_cam - centre_cam
     jacobian = np.empty((len(points_cam), 6))
-    jacobian[:, 0] = arms[:, 1] * directions[:, 2] - arms[:, 2] * directions[:, 1]
-    jacobian[:, 1] = arms[:, 2] * directions[:, 0] - arms[:, 0] * directions[:, 2]
-    jacobian[:, 2] = arms[:, 0] * directions[:, 1] - arms[:, 1] * directions[:, 0]
-    jacobian[:, 3:] = directions
+    _step_jacobian(plain(points_cam), plain(directions), plain(centre_cam), jacobian)
     return jacobian
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1])")
+def _step_jacobian(
+    points_cam: FloatArray, directions: FloatArray, centre_cam: FloatArray, jacobian: FloatArray
+) -> None:  # fmt: skip
+    for i in range(len(points_cam)):
+        x, y = points_cam[i, 0] - centre_cam[0], points_cam[i, 1] - centre_cam[1]
+        z = points_cam[i, 2] - centre_cam[2]
+        a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = y * c - z * b, z * a - x * c, x * b - y * a
+        jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = a, b, c
 
 
 def control_point_jacobian(points_cam: FloatArray, centre_cam: FloatArray, camera: Camera) -> FloatArray:
@@ -70,5 +90,5 @@ def control_point_jacobian(points_cam: FloatArray, centre_cam: FloatArray, camer
     """
     # Each point twice, once along x and once along y.
     points_twice = np.repeat(points_cam, 2, axis=0)
-    along = image_directions(points_twice, np.tile(np.eye(2), (4, 1)), camera)
+    along = image_directions(points_twice, _X_AND_Y, camera)
     return step_jacobian(points_twice, along, centre_cam)

@@ -46,6 +46,30 @@ def read_pixel(channels: Float32Array, x: float, y: float) -> tuple[float, float
     )
 
 
+@kernel("void(f4[:, :, ::1], f8, f8, f8, f8, f8[::1])", fastmath=frozenset({"contract"}))
+def read_slopes(channels: Float32Array, x: float, y: float, nx: float, ny: float, along: FloatArray) -> None:
+    """Fill along (n,) with the gradient along (nx, ny), at n places a px apart from (x, y) on; 0 outside."""
+    height, width = channels.shape[:2]
+    last, count = len(along) - 1, len(along)
+    end_x, end_y = x + last * nx, y + last * ny
+    if min(x, end_x) >= 0.0 and max(x, end_x) < width - 1 and min(y, end_y) >= 0.0 and max(y, end_y) < height - 1:
+        for k in range(count):
+            px, py = x + k * nx, y + k * ny
+            # Unsigned: no index can be meant from the end.
+            column, row = np.uint64(px), np.uint64(py)
+            beside, below = column + np.uint64(1), row + np.uint64(1)
+            right, down = px - column, py - row
+            upper = (1.0 - right) * (nx * channels[row, column, 0] + ny * channels[row, column, 1])
+            upper += right * (nx * channels[row, beside, 0] + ny * channels[row, beside, 1])
+            lower = (1.0 - right) * (nx * channels[below, column, 0] + ny * channels[below, column, 1])
+            lower += right * (nx * channels[below, beside, 0] + ny * channels[below, beside, 1])
+            along[k] = (1.0 - down) * upper + down * lower
+    else:
+        for k in range(count):
+            gx, gy, _ = read_pixel(channels, x + k * nx, y + k * ny)
+            along[k] = nx * gx + ny * gy
+
+
 @kernel("void(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], i8, f8, f8, f8[:, :, ::1])")
 def strongest_peaks(
     channels: Float32Array, points: FloatArray, normals: FloatArray, reach_px: int, contrast: float, gamma: float,
@@ -55,25 +79,28 @@ def strongest_peaks(
 
     channels: (h, w, 3) gradient x and y in linear light, and grey. points: (n, 2) px of it; normals: (n, 2) unit.
     """
-    most, length = found.shape[2], 2 * (reach_px + FLANK_PX) + 1
+    most, length = found.shape[2], 2 * (reach_px + 1) + 1
     if most == 0:
         return
-    along, across, grey = np.empty(length), np.empty(length), np.empty(length)
+    along, bend = np.empty(length), np.float32(1.0 - gamma)
     for i in range(len(points)):
         x, y, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
-        for k in range(length):
-            way = k - reach_px - FLANK_PX
-            gx, gy, grey[k] = read_pixel(channels, x + way * nx, y + way * ny)
-            along[k], across[k] = gx * nx + gy * ny, gx * ny - gy * nx
+        read_slopes(channels, x - (reach_px + 1) * nx, y - (reach_px + 1) * ny, nx, ny, along)
         kept = 0
-        for k in range(FLANK_PX, length - FLANK_PX):
+        for k in range(1, length - 1):
             square = along[k] * along[k]
             if not (square > along[k - 1] ** 2 and square >= along[k + 1] ** 2):
                 continue
+            way = k - reach_px - 1
+            gx, gy, grey = read_pixel(channels, x + way * nx, y + way * ny)
+            across = gx * ny - gy * nx
+            # The squared cosine between gradient and normal, then contrast.
+            score = square / (square + across * across + _TINY)
+            if kept == most and score <= found[1, i, most - 1]:
+                continue
             # Grey levels per level of light, where the edge is.
-            encoded = (max(grey[k], _DARK) / 255.0) ** (1.0 - gamma) / gamma
-            # Contrast, and the squared cosine between gradient and normal.
-            score = square / (square + (contrast / encoded) ** 2) * square / (square + across[k] ** 2 + _TINY)
+            encoded = np.float32(max(grey, _DARK) / 255.0) ** bend / gamma
+            score *= square / (square + (contrast / encoded) ** 2)
             slot = kept
             if kept == most:
                 if score <= found[1, i, most - 1]:
@@ -82,14 +109,19 @@ def strongest_peaks(
             else:
                 kept += 1
             while slot > 0 and found[1, i, slot - 1] < score:
-                for field in range(5):
+                for field in range(4):
                     found[field, i, slot] = found[field, i, slot - 1]
                 slot -= 1
             before, peak, after = abs(along[k - 1]), abs(along[k]), abs(along[k + 1])
             curvature = min(before - 2.0 * peak + after, -_TINY)
             shift = min(max(0.5 * (before - after) / curvature, -0.5), 0.5)
-            found[0, i, slot] = k - reach_px - FLANK_PX + shift
+            found[0, i, slot] = way + shift
             found[1, i, slot] = score
             found[2, i, slot] = along[k] * encoded
-            found[3, i, slot] = grey[k - FLANK_PX]
-            found[4, i, slot] = grey[k + FLANK_PX]
+            # Grey beside it is read of those only that are kept in the end.
+            found[3, i, slot] = way
+        for slot in range(kept):
+            way = found[3, i, slot]
+            for side in range(2):
+                flank = way + (2 * side - 1) * FLANK_PX
+                _, _, found[3 + side, i, slot] = read_pixel(channels, x + flank * nx, y + flank * ny)

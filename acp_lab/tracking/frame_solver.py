@@ -22,6 +22,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
 from acp_lab.tracking.method import Method
+from acp_lab.tracking.pose_descent import pose_level
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import Level, scaled
 from acp_lab.tracking.solution import SeenFrame, Solution
@@ -181,7 +182,8 @@ class FrameSolver:
                 [prior for config in method.priors if (prior := config.bind(method.variables, at)) is not None],
                 method.variables.scale(at.view),
             )
-            iterates = minimise(problem, at, method.solver)
+            arrays = pose_level(problem, at, method.solver)
+            iterates = minimise(problem, at, method.solver) if arrays is None else arrays.minimise(at)
             at = iterates[-1] if iterates else at
             iterations += len(iterates)
             if self.records_steps:
@@ -193,7 +195,8 @@ class FrameSolver:
                 loss = sum(judgement.loss for judgement in judgements)
                 information = None
                 if method.prediction.weighs_images:
-                    information = method.variables.pose_information(problem.information(at).matrix, at)
+                    matrix = problem.information(at).matrix if arrays is None else arrays.information(at)
+                    information = method.variables.pose_information(matrix, at)
                 solution = Solution(at, judgements, loss, information, iterations, tuple(steps))
             clock.solve_s += clock.lap()
         # Not finite where the last step put some edge points behind the camera.

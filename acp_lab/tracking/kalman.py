@@ -7,6 +7,7 @@ knows how sure it is, and its innovation, how far a frame was from it, widens th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -64,6 +65,7 @@ class PoseKalman:
         self._last: FloatArray | None = None
         # Of the next frame, as predicted: pose (4, 4), velocity (6,), covariance (12, 12) of both.
         self._pose, self._velocity, self._covariance = np.eye(4), np.zeros(6), np.eye(12)
+        self._information: FloatArray | None = None
         self._transition = np.eye(12)
         self._transition[:6, 6:] = np.eye(6)
 
@@ -95,7 +97,9 @@ class PoseKalman:
 
     def information(self) -> FloatArray:
         """(6, 6) inverse covariance of that pose."""
-        return np.asarray(np.linalg.inv(self._covariance[:6, :6]), np.float64)
+        if self._information is None:
+            self._information = np.asarray(np.linalg.inv(self._covariance[:6, :6]), np.float64)
+        return self._information
 
     def innovation_of(self, cam_T_obj: FloatArray) -> float:
         """How far a pose (4, 4) is from the predicted one: squared, normalised, per degree of freedom."""
@@ -122,7 +126,7 @@ class PoseKalman:
         step = gain @ off_px
         self._pose = move_pose(self._pose, self._centre_obj, step[:6])
         self._velocity = self._velocity + step[6:]
-        self._covariance = _symmetric(self._covariance - gain @ spread @ gain.T)
+        self._covariance, self._information = _symmetric(self._covariance - gain @ spread @ gain.T), None
 
     def coast(self) -> None:
         """A frame without an image: the motion goes on, less surely."""
@@ -149,18 +153,19 @@ class PoseKalman:
     def _go_on(self, cam_T_obj: FloatArray, velocity: FloatArray, covariance: FloatArray) -> None:
         """To the next frame, from what is known in this one."""
         config, share = self._config, self._config.speed_share
-        turn, shift = np.linalg.norm(velocity[:3]), np.linalg.norm(velocity[3:])
-        variance = self._widening * np.repeat(
-            [
-                np.radians(config.turn_deg) ** 2 + (share * turn) ** 2,
-                config.shift_mm**2 + (share * shift) ** 2,
-            ],
-            3,
-        )
-        noise = np.kron([[0.25, 0.5], [0.5, 1.0]], np.diag(variance))
+        turning, shifting = velocity[:3] @ velocity[:3], velocity[3:] @ velocity[3:]
+        variance = np.empty(6)
+        variance[:3] = self._widening * (math.radians(config.turn_deg) ** 2 + share**2 * turning)
+        variance[3:] = self._widening * (config.shift_mm**2 + share**2 * shifting)
         self._last, self._velocity = cam_T_obj, velocity
         self._pose = move_pose(cam_T_obj, self._centre_obj, velocity)
-        self._covariance = self._transition @ covariance @ self._transition.T + noise
+        self._covariance, self._information = self._transition @ covariance @ self._transition.T, None
+        # Accelerations that last a frame: a quarter of their variance in the pose, half between pose and velocity.
+        pose, speed = np.arange(6), np.arange(6, 12)
+        self._covariance[pose, pose] += 0.25 * variance
+        self._covariance[pose, speed] += 0.5 * variance
+        self._covariance[speed, pose] += 0.5 * variance
+        self._covariance[speed, speed] += variance
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

@@ -189,6 +189,9 @@ class RigidMotion:
     """Edge points with their 3D points (n, 3) mm, NaN for those to leave out, moved by a pose.
 
     per_level: keep the rows of the level's start. is_exact: the edge points lie where their 3D points project to.
+
+    Attributes:
+        points_obj: (n, 3) mm.
     """
 
     def __init__(
@@ -203,12 +206,18 @@ class RigidMotion:
             known = np.asarray(np.isfinite(points_obj).all(1))
             edges, points_obj = edges.take(known), points_obj[known]
         self._edges = edges
-        self._points_obj = points_obj
+        self.points_obj = points_obj
         self._view = start.view
         self._start = start
         self._per_level = per_level
+        self._is_exact = is_exact
         # Lifting puts points on the nearest CAD edge; what it moved them by stays with them as a constant.
         self._lift_px = 0.0 if is_exact else edges.points - self._project(start.cam_T_obj)
+
+    @property
+    def keeps_rows(self) -> bool:
+        """Whether the rows of the level's start are kept, and its points are where their 3D points project to."""
+        return self._per_level and self._is_exact
 
     def edges(self, at: Estimate) -> GeneratedEdges:
         """The edges at a pose; directions are kept, a level turns them little."""
@@ -225,11 +234,11 @@ class RigidMotion:
     def rows(self, at: Estimate, directions: FloatArray) -> FloatArray:
         """(n, 6) derivative of the motion along image directions (n, 2) by a pose step."""
         # The directions of a level are one array that is asked for in every step, and its lines are kept.
-        return (self._start if self._per_level else at).lines(self._points_obj, directions).jacobian
+        return (self._start if self._per_level else at).lines(self.points_obj, directions).jacobian
 
     def moved(self, at: Estimate, step: FloatArray) -> Estimate:
         """The pose after a step (6,)."""
         return at.view.at_pose(move_pose(at.cam_T_obj, self._view.part.box_centre, step))
 
     def _project(self, cam_T_obj: FloatArray) -> FloatArray:
-        return self._view.camera.project(transform(cam_T_obj, self._points_obj))
+        return self._view.camera.project(transform(cam_T_obj, self.points_obj))

@@ -93,11 +93,23 @@ class RigidityPrior:
         return _Rigidity(self.weight, rigid, basis[:, 6:].T)
 
 
-class _StepDamping:
+class PosePrior:
+    """A prior of k variables that is known by its information alone.
+
+    relative: (k, k), against what the image says in all; absolute: (k, k), as it is; towards: (k, 6), how it pulls by
+    the pose step to the view's prior pose. See `pose_descent.PoseLevel`.
+    """
+
+    def __init__(self, relative: FloatArray, absolute: FloatArray, towards: FloatArray) -> None:
+        self.relative, self.absolute, self.towards = relative, absolute, towards
+
+
+class _StepDamping(PosePrior):
     """Zero residual wherever the estimate is: moving on costs. jacobian: (8, k) of the control points."""
 
     def __init__(self, weight: float, jacobian: FloatArray) -> None:
         hessian: FloatArray = weight * jacobian.T @ jacobian
+        super().__init__(hessian, np.zeros_like(hessian), np.zeros((len(hessian), 6)))
         self._equations = NormalEquations(hessian, np.zeros(len(hessian)))
 
     def equations(self, at: Estimate, total: float) -> NormalEquations:
@@ -109,15 +121,15 @@ class _StepDamping:
         return 0.0
 
 
-class _Tikhonov:
+class _Tikhonov(PosePrior):
     """Zero residual wherever the estimate is. hessian: (k, k) information of the variables."""
 
     def __init__(self, hessian: FloatArray) -> None:
-        self._hessian = hessian
+        super().__init__(np.zeros_like(hessian), hessian, np.zeros((len(hessian), 6)))
 
     def equations(self, at: Estimate, total: float) -> NormalEquations:
         """The same at every step, against what the image says in all."""
-        return NormalEquations(self._hessian / total, np.zeros(len(self._hessian)))
+        return NormalEquations(self.absolute / total, np.zeros(len(self.absolute)))
 
     def loss(self, at: Estimate, total: float) -> float:
         """0."""
@@ -147,20 +159,21 @@ class _Rigidity:
         return rest
 
 
-class _MotionPrior:
+class _MotionPrior(PosePrior):
     """information: (6, 6) of the predicted pose, by a pose step about the part's centre (rad, mm).
 
     jacobian: (6, k) of a pose step by the variables.
     """
 
     def __init__(self, information: FloatArray, jacobian: FloatArray) -> None:
+        towards: FloatArray = jacobian.T @ information
+        hessian: FloatArray = towards @ jacobian
+        super().__init__(np.zeros_like(hessian), hessian, towards)
         self._information = information
-        self._towards: FloatArray = jacobian.T @ information
-        self._hessian: FloatArray = self._towards @ jacobian
 
     def equations(self, at: Estimate, total: float) -> NormalEquations:
         """Towards the predicted pose, against what the image says in all."""
-        return NormalEquations(self._hessian / total, self._towards @ self._residual(at) / total)
+        return NormalEquations(self.absolute / total, self.towards @ self._residual(at) / total)
 
     def loss(self, at: Estimate, total: float) -> float:
         """Half the normalised squared distance, against what the image says in all, px^2."""

@@ -324,6 +324,7 @@ def test_a_step_into_the_camera_is_no_pose(
         return (moved,) if moved.is_possible else ()
 
     monkeypatch.setattr(frame_solver_module, "minimise", jumps)
+    monkeypatch.setattr(frame_solver_module, "pose_level", lambda *_: None)
     found = solver.solve(seen, seen.view.at_pose(truth), Stopwatch(), (Level(8, 1.0),))
     if to_centre_mm > 0.0:
         assert found is None

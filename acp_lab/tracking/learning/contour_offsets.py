@@ -22,7 +22,9 @@ from typing import ClassVar
 import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
-from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
+from acp_lab.geometry.pose_kernels import solve_six
 
 # A handful of samples has no scatter to speak of.
 MIN_FOR_SCATTER = 30
@@ -100,6 +102,16 @@ class ContourOffsets:
         _, self._cell_of = np.unique(cells.astype(np.int64), axis=0, return_inverse=True)
         self._cell_of = self._cell_of.ravel()
         self._outward_obj = edges.normals_obj.sum(1)
+        self._numbers = np.array(
+            [
+                config.sample_inertia,
+                config.cell_inertia,
+                config.known_spread,
+                config.cell_spread,
+                config.unknown_spread,
+                config.edge_spread_px,
+            ]
+        )
         self.forget()
 
     def forget(self) -> None:
@@ -115,7 +127,8 @@ class ContourOffsets:
         """Spread of inner creases at present."""
         config = self.config
         ratio = self._inner_scatter_px / config.inner_scatter_px
-        return float(np.clip(config.inner_spread * ratio**config.inner_power, *config.inner_limits))
+        least, most = config.inner_limits
+        return min(max(config.inner_spread * ratio**config.inner_power, least), most)
 
     def expect(self, ids: IntArray, outline: BoolArray, directions_obj: FloatArray) -> ExpectedOffsets:
         """Offsets of visible samples.
@@ -127,29 +140,15 @@ class ContourOffsets:
                 (`pose_step.image_directions` turned by the pose).
         """
         config = self.config
-        scale = np.linalg.norm(directions_obj, axis=1)
-        # Which way along the image normal leads off the material.
-        outward = np.sign(np.einsum("nj,nj->n", directions_obj, self._outward_obj[ids]))
-        px_per_mm = np.where(outline, outward, 1.0) * scale
-
-        role, cell = outline.astype(np.intp), self._cell_of[ids]
         total, total_sum = self._cell_count.sum(), self._cell_sum.sum()
         of_class = (config.class_inertia * self.prior_mm + total_sum) / (config.class_inertia + total)
-        of_cell = (config.cell_inertia * of_class + self._cell_sum[cell]) / (
-            config.cell_inertia + self._cell_count[cell]
-        )
-        coarse = np.where(outline, of_cell, 0.0)
-        seen = self._sample_count[ids, role]
-        offsets_mm = (config.sample_inertia * coarse + self._sample_sum[ids, role]) / (config.sample_inertia + seen)
-
-        outline_spread = np.where(
-            seen > 0,
-            config.known_spread,
-            np.where(self._cell_count[cell] > 2, config.cell_spread, config.unknown_spread),
-        )
-        spread_px = np.where(outline, outline_spread, self.inner_spread_mm) * scale
-        weights = config.edge_spread_px**2 / (config.edge_spread_px**2 + spread_px**2)
-        return ExpectedOffsets(offsets_mm * px_per_mm, weights, offsets_mm, px_per_mm)
+        found = np.empty((4, len(ids)))
+        _expect(
+            np.ascontiguousarray(ids), np.ascontiguousarray(outline), plain(directions_obj), self._outward_obj,
+            self._cell_of, self._cell_count, self._cell_sum, self._sample_count, self._sample_sum, of_class,
+            self.inner_spread_mm, self._numbers, found,
+        )  # fmt: skip
+        return ExpectedOffsets(*found)
 
     def follow(self, ids: IntArray, outline: BoolArray, expected: ExpectedOffsets, residuals_px: FloatArray) -> None:
         """Take over a share of what a tracked frame shows, the larger the less is known of a sample.
@@ -160,17 +159,18 @@ class ContourOffsets:
         config = self.config
         if not config.follow_rate:
             return
-        near = np.abs(np.nan_to_num(residuals_px, nan=np.inf)) < 2.0
-        rows = np.flatnonzero(near & (expected.px_per_mm != 0.0))
-        role, ids = outline[rows].astype(np.intp), ids[rows]
-        count = self._sample_count[ids, role]
-        spread = np.where(count > 0, config.known_spread, config.unknown_spread)
-        spread = np.where(outline[rows], spread, self.inner_spread_mm)
-        share = config.follow_rate * spread**2 / (spread**2 + config.follow_noise**2)
-        moved = share * residuals_px[rows] / expected.px_per_mm[rows]
-        offsets_mm = expected.offsets_mm[rows]
-        moved = np.clip(offsets_mm + moved, -config.largest, config.largest) - offsets_mm
-        self._sample_sum[ids, role] += moved * (config.sample_inertia + count)
+        numbers = (
+            config.sample_inertia,
+            config.known_spread,
+            config.unknown_spread,
+            config.follow_rate,
+            config.follow_noise,
+            config.largest,
+        )
+        _follow(
+            np.ascontiguousarray(ids), np.ascontiguousarray(outline), expected.offsets_mm, expected.px_per_mm,
+            plain(residuals_px), self._sample_count, self._sample_sum, self.inner_spread_mm, np.array(numbers),
+        )  # fmt: skip
 
     def observe_scatter(
         self, ids: IntArray, outline: BoolArray, residuals_px: FloatArray, jacobian: FloatArray
@@ -184,7 +184,7 @@ class ContourOffsets:
         """
         rows = np.flatnonzero(np.isfinite(residuals_px) & ~outline & (self._sample_count[ids, 0] > 0))
         if len(rows) >= MIN_FOR_SCATTER:
-            seen = max(_scatter_after_fit(residuals_px[rows], jacobian[rows]), 0.05)
+            seen = max(_scatter_after_fit(plain(residuals_px[rows]), plain(jacobian[rows])), 0.05)
             self._inner_scatter_px += self.config.scatter_rate * (seen - self._inner_scatter_px)
 
     def learn(self, ids: IntArray, outline: BoolArray, expected: ExpectedOffsets, residuals_px: FloatArray) -> None:
@@ -205,16 +205,93 @@ class ContourOffsets:
         np.add.at(self._cell_sum, cells, measured[shared])
 
 
+@kernel(
+    "void(i8[::1], b1[::1], f8[:, ::1], f8[:, ::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[::1],"
+    " f8[:, ::1])"
+)
+def _expect(
+    ids: IntArray, outline: BoolArray, directions_obj: FloatArray, outward_obj: FloatArray, cell_of: IntArray,
+    cell_count: FloatArray, cell_sum: FloatArray, sample_count: FloatArray, sample_sum: FloatArray, of_class: float,
+    inner_spread: float, numbers: FloatArray, found: FloatArray,
+) -> None:  # fmt: skip
+    """Fill found (4, n): the fields of `ExpectedOffsets`. numbers: as `ContourOffsets` has them."""
+    sample_inertia, cell_inertia, known_spread = numbers[0], numbers[1], numbers[2]
+    cell_spread, unknown_spread, edge_spread = numbers[3], numbers[4], numbers[5]
+    for n in range(len(ids)):
+        i = ids[n]
+        x, y, z = directions_obj[n, 0], directions_obj[n, 1], directions_obj[n, 2]
+        scale = np.sqrt(x * x + y * y + z * z)
+        if outline[n]:
+            cell = cell_of[i]
+            coarse = (cell_inertia * of_class + cell_sum[cell]) / (cell_inertia + cell_count[cell])
+            role, spread = 1, unknown_spread
+            if sample_count[i, 1] > 0:
+                spread = known_spread
+            elif cell_count[cell] > 2:
+                spread = cell_spread
+            # Which way along the image normal leads off the material.
+            sign = np.sign(x * outward_obj[i, 0] + y * outward_obj[i, 1] + z * outward_obj[i, 2])
+        else:
+            role, coarse, spread, sign = 0, 0.0, inner_spread, 1.0
+        offset = (sample_inertia * coarse + sample_sum[i, role]) / (sample_inertia + sample_count[i, role])
+        square = edge_spread * edge_spread
+        found[0, n] = offset * sign * scale
+        found[1, n] = square / (square + (spread * scale) ** 2)
+        found[2, n], found[3, n] = offset, sign * scale
+
+
+@kernel("f8(f8[::1], f8[:, ::1])")
 def _scatter_after_fit(residuals_px: FloatArray, jacobian: FloatArray) -> float:
     """Median absolute residual that is left after a robust fit of one pose step."""
-    rest = residuals_px
+    count = len(residuals_px)
     # Columns in rad and mm are brought to one scale, for a ridge that touches only what cannot be seen.
-    scaled = jacobian / np.maximum(np.sqrt((jacobian**2).mean(0)), 1e-9)
-    step = np.zeros(6)
+    scale, step = np.zeros(6), np.zeros(6)
+    for i in range(count):
+        for j in range(6):
+            scale[j] += jacobian[i, j] * jacobian[i, j]
+    for j in range(6):
+        scale[j] = max(np.sqrt(scale[j] / count), 1e-9)
+    rest = residuals_px.copy()
+    matrix, vector = np.empty((6, 6)), np.empty(6)
     for _ in range(3):
-        weights = 1.0 / (1.0 + (rest / 0.5) ** 2) ** 2
-        weighted = scaled * weights[:, None]
-        hessian = weighted.T @ scaled + 1e-3 * weights.sum() * np.eye(6)
-        step = step + np.linalg.solve(hessian, weighted.T @ rest)
-        rest = residuals_px - scaled @ step
+        matrix[:] = 0.0
+        vector[:] = 0.0
+        total = 0.0
+        for i in range(count):
+            weight = 1.0 / (1.0 + (rest[i] / 0.5) ** 2) ** 2
+            total += weight
+            for j in range(6):
+                weighted = weight * jacobian[i, j] / scale[j]
+                vector[j] += weighted * rest[i]
+                for k in range(6):
+                    matrix[j, k] += weighted * jacobian[i, k] / scale[k]
+        for j in range(6):
+            matrix[j, j] += 1e-3 * total
+        if not solve_six(matrix, vector):
+            break
+        step += vector
+        for i in range(count):
+            rest[i] = residuals_px[i]
+            for j in range(6):
+                rest[i] -= jacobian[i, j] / scale[j] * step[j]
     return float(np.median(np.abs(rest)))
+
+
+@kernel("void(i8[::1], b1[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8, f8[::1])")
+def _follow(
+    ids: IntArray, outline: BoolArray, offsets_mm: FloatArray, px_per_mm: FloatArray, residuals_px: FloatArray,
+    sample_count: FloatArray, sample_sum: FloatArray, inner_spread: float, numbers: FloatArray,
+) -> None:  # fmt: skip
+    """Move sample_sum (samples, 2) on, see `ContourOffsets.follow`. numbers: of the configuration."""
+    inertia, known_spread, unknown_spread = numbers[0], numbers[1], numbers[2]
+    rate, noise, largest = numbers[3], numbers[4], numbers[5]
+    for n in range(len(ids)):
+        if px_per_mm[n] == 0.0 or not abs(residuals_px[n]) < 2.0:
+            continue
+        i, role = ids[n], int(outline[n])
+        count, spread = sample_count[i, role], inner_spread
+        if role == 1:
+            spread = known_spread if count > 0.0 else unknown_spread
+        share = rate * spread * spread / (spread * spread + noise * noise)
+        there = min(max(offsets_mm[n] + share * residuals_px[n] / px_per_mm[n], -largest), largest)
+        sample_sum[i, role] += (there - offsets_mm[n]) * (inertia + count)

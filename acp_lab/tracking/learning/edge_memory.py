@@ -12,7 +12,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search import Candidates
 
 
@@ -53,36 +54,64 @@ class EdgeMemory:
         """(n, m) in (0, 1]: how well each candidate agrees with its sample's past; 1 where there is none."""
         if not self.known.any():
             return np.ones_like(candidates.scores)
-        config = self.config
-        gradient, before, after = self.means[sample_ids].T[..., None]
-        relative = (candidates.gradients - gradient) / (np.abs(gradient) + 1.0)
-        by_gradient = config.gradient_floor + (1.0 - config.gradient_floor) * np.exp(
-            -0.5 * (relative / config.gradient_tolerance) ** 2
-        )
-        change_sq = 0.5 * ((candidates.before - before) ** 2 + (candidates.after - after) ** 2)
-        by_grey = config.grey_floor + (1.0 - config.grey_floor) * np.exp(-0.5 * change_sq / config.grey_tolerance**2)
-        return np.where(self.known[sample_ids, None], by_gradient * by_grey, 1.0)
+        config, found = self.config, np.empty_like(candidates.scores)
+        _factors(
+            np.ascontiguousarray(sample_ids), self.known, self.means, candidates.gradients, candidates.before,
+            candidates.after, config.gradient_tolerance, config.gradient_floor, config.grey_tolerance,
+            config.grey_floor, found,
+        )  # fmt: skip
+        return found
 
-    def learn(
-        self, sample_ids: IntArray, candidates: Candidates, chosen: IntArray, distance_px: FloatArray
-    ) -> None:
+    def learn(self, sample_ids: IntArray, candidates: Candidates, chosen: IntArray, distance_px: FloatArray) -> None:
         """Take in the candidates that the solved pose chose.
 
         Args:
             sample_ids: (n,).
             chosen: (n,) column of the chosen candidate.
-            distance_px: (n,) distance of that candidate from the sample's solved position.
+            distance_px: (n,) distance of that candidate from the sample's solved position, NaN where there is none.
         """
-        rows = np.flatnonzero((np.abs(distance_px) < self.config.learn_within_px) & (sample_ids >= 0))
-        ids, columns = sample_ids[rows], chosen[rows]
-        seen = np.stack(
-            [
-                candidates.gradients[rows, columns],
-                candidates.before[rows, columns],
-                candidates.after[rows, columns],
-            ],
-            1,
-        )
-        rate = np.where(self.known[ids], self.config.rate, 1.0)[:, None]
-        self.means[ids] += rate * (seen - self.means[ids])
-        self.known[ids] = True
+        _learn(
+            np.ascontiguousarray(sample_ids), candidates.gradients, candidates.before, candidates.after,
+            np.ascontiguousarray(chosen), plain(distance_px), self.config.learn_within_px, self.config.rate,
+            self.known, self.means,
+        )  # fmt: skip
+
+
+@kernel(
+    "void(i8[::1], b1[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8, f8, f8[:, ::1])",
+    fastmath=frozenset({"contract"}),
+)
+def _factors(
+    ids: IntArray, known: BoolArray, means: FloatArray, gradients: FloatArray, before: FloatArray, after: FloatArray,
+    gradient_tolerance: float, gradient_floor: float, grey_tolerance: float, grey_floor: float, found: FloatArray,
+) -> None:  # fmt: skip
+    """Fill found (n, m), see `EdgeMemory.factors`."""
+    for i in range(len(ids)):
+        sample = ids[i]
+        if not known[sample]:
+            found[i] = 1.0
+            continue
+        gradient = means[sample, 0]
+        for k in range(found.shape[1]):
+            relative = (gradients[i, k] - gradient) / (abs(gradient) + 1.0) / gradient_tolerance
+            by_gradient = gradient_floor + (1.0 - gradient_floor) * np.exp(-0.5 * relative * relative)
+            one, other = before[i, k] - means[sample, 1], after[i, k] - means[sample, 2]
+            change = 0.5 * (one * one + other * other) / (grey_tolerance * grey_tolerance)
+            found[i, k] = by_gradient * (grey_floor + (1.0 - grey_floor) * np.exp(-0.5 * change))
+
+
+@kernel("void(i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], i8[::1], f8[::1], f8, f8, b1[::1], f8[:, ::1])")
+def _learn(
+    ids: IntArray, gradients: FloatArray, before: FloatArray, after: FloatArray, chosen: IntArray,
+    distance_px: FloatArray, within_px: float, rate: float, known: BoolArray, means: FloatArray,
+) -> None:  # fmt: skip
+    """Move known and means on, see `EdgeMemory.learn`."""
+    for n in range(len(ids)):
+        i, k = ids[n], chosen[n]
+        if i < 0 or not abs(distance_px[n]) < within_px:
+            continue
+        share = rate if known[i] else 1.0
+        means[i, 0] += share * (gradients[n, k] - means[i, 0])
+        means[i, 1] += share * (before[n, k] - means[i, 1])
+        means[i, 2] += share * (after[n, k] - means[i, 2])
+        known[i] = True

@@ -171,7 +171,7 @@ class SampleKnowledge:
         """Take in a solved frame."""
         ids, outline, residuals_px = matches.edges.sample_ids, matches.edges.outline, matches.residuals_px
         if self.memory is not None:
-            self.memory.learn(ids, matches.candidates, matches.best, np.nan_to_num(residuals_px, nan=np.inf))
+            self.memory.learn(ids, matches.candidates, matches.best, residuals_px)
         if self.offsets is not None:
             self.offsets.observe_scatter(ids, outline, residuals_px, matches.jacobian)
             if matches.expected is not None:

@@ -15,6 +15,8 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, Float32Array, IntArray, Uint16Array
 
 _BINS = 32
+# Shares that say nothing any more; left to fade they would become numbers that processors are slow with.
+_FORGOTTEN = np.float32(1e-12)
 
 
 @dataclass(frozen=True)
@@ -71,21 +73,15 @@ class RegionColours:
         """Take in the bins (n,) of pixels of the part and (m,) of its background; nothing where either is empty."""
         if not (len(inside) and len(outside)):
             return
-        # float32: a pass over all bins per frame, and no count needs more.
-        seen = [
-            np.bincount(bins, minlength=_BINS**3).astype(np.float32) / np.float32(len(bins))
-            for bins in (inside, outside)
-        ]
+        rate = self.config.rate
         if self._foreground is None or self._background is None:
-            self._foreground, self._background = seen[0], seen[1]
-        else:
-            rate = self.config.rate
-            self._foreground = self._foreground + rate * (seen[0] - self._foreground)
-            self._background = self._background + rate * (seen[1] - self._background)
-        least, sure = np.float32(self.config.least_share), self.config.certainty
-        most = np.float32(np.log(sure / (1.0 - sure)))
-        # The odds of f / (f + b) are f / b.
-        self.log_odds = np.clip(np.log((self._foreground + least) / (self._background + least)), -most, most)
+            self._foreground, self._background = np.zeros((2, _BINS**3), np.float32)
+            rate = 1.0
+        for histogram, bins in ((self._foreground, inside), (self._background, outside)):
+            _take_in(histogram, np.ascontiguousarray(bins, np.uint16), rate)
+        sure = self.config.certainty
+        self.log_odds = np.zeros(_BINS**3, np.float32)
+        _odds(self._foreground, self._background, self.config.least_share, np.log(sure / (1.0 - sure)), self.log_odds)
 
 
 @kernel("u2[:, ::1](u1[:, :, :])")
@@ -100,5 +96,22 @@ def _bins(image: ByteImage) -> Uint16Array:
     return found
 
 
-def _counts(bins: IntArray | Uint16Array) -> Float32Array:
-    return np.bincount(bins, minlength=_BINS**3).astype(np.float32)
+@kernel("void(f4[::1], u2[::1], f8)")
+def _take_in(histogram: Float32Array, bins: Uint16Array, rate: float) -> None:
+    """Move a histogram's shares towards those of the pixels `bins` (n,)."""
+    keep, added = np.float32(1.0 - rate), np.float32(rate / len(bins))
+    for k in range(len(histogram)):
+        histogram[k] *= keep
+        if histogram[k] < _FORGOTTEN:
+            histogram[k] = 0.0
+    for pixel in bins:
+        histogram[pixel] += added
+
+
+@kernel("void(f4[::1], f4[::1], f8, f8, f4[::1])")
+def _odds(foreground: Float32Array, background: Float32Array, least: float, most: float, found: Float32Array) -> None:
+    """Fill found, zeros before, with the log-odds of f / (f + b), which are those of f / b."""
+    for k in range(len(found)):
+        if foreground[k] != background[k]:
+            odds = np.log((foreground[k] + np.float32(least)) / (background[k] + np.float32(least)))
+            found[k] = min(max(odds, -np.float32(most)), np.float32(most))

@@ -12,7 +12,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,19 @@ class SampleReliability:
 
     def learn(self, ids: IntArray, outline: BoolArray, residuals_px: FloatArray) -> None:
         """Take in the residuals (n,) px of a solved frame, NaN where no image edge was found."""
-        worst = self.config.miss_px**2
-        square = np.minimum(np.nan_to_num(residuals_px**2, nan=worst), worst)
-        role = outline.astype(np.intp)
-        self._mean_square[ids, role] += self.config.rate * (square - self._mean_square[ids, role])
+        _learn(
+            np.ascontiguousarray(ids), np.ascontiguousarray(outline), plain(residuals_px), self.config.miss_px**2,
+            self.config.rate, self._mean_square,
+        )  # fmt: skip
+
+
+@kernel("void(i8[::1], b1[::1], f8[::1], f8, f8, f8[:, ::1])")
+def _learn(
+    ids: IntArray, outline: BoolArray, residuals_px: FloatArray, worst: float, rate: float, mean_square: FloatArray
+) -> None:
+    """Move mean_square (samples, 2) on, see `SampleReliability.learn`."""
+    for n in range(len(ids)):
+        role, square = int(outline[n]), residuals_px[n] * residuals_px[n]
+        if not square < worst:
+            square = worst
+        mean_square[ids[n], role] += rate * (square - mean_square[ids[n], role])

@@ -31,8 +31,7 @@ _FADE = 1.5
 class ColourCrop:
     """The colours of one frame around the part.
 
-    bins: (h, w) uint16 of its pixels, see `RegionColours.bins`; origin: (x, y) px of its first pixel in the full image.
-    colours: what is known of them.
+    pixels: (h, w, 3) uint8 RGB; origin: (x, y) px of their first one in the full image. colours: what is known of them.
     """
 
     def __init__(self, image: ByteImage, box: tuple[int, int, int, int], colours: RegionColours) -> None:
@@ -40,8 +39,13 @@ class ColourCrop:
         height, width = image.shape[:2]
         x0, y0, x1, y1 = box
         self.origin = x, y = min(max(x0, 0), width - 2), min(max(y0, 0), height - 2)
-        self.bins = RegionColours.bins(image[y : max(y1, y + 2), x : max(x1, x + 2)])
+        self.pixels = image[y : max(y1, y + 2), x : max(x1, x + 2)]
         self.colours = colours
+
+    @cached_property
+    def bins(self) -> Uint16Array:
+        """(h, w) uint16 of its pixels, see `RegionColours.bins`; lines need only those that they pass."""
+        return RegionColours.bins(self.pixels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,71 +75,78 @@ class CorrespondenceLines:
     def _in_crop(self) -> FloatArray:
         return self.points - self.crop.origin
 
-    def posterior(self, scale: int, fade_px: float) -> tuple[FloatArray, FloatArray]:
-        """(n,) px from the line's middle to where the part ends, and (n,) weights in [0, 1].
+    @cached_property
+    def _least_free(self) -> FloatArray:
+        return np.minimum(self.free[0], self.free[1])
+
+    def posterior(self, scale: int, fade_px: float) -> FloatArray:
+        """(2, n): px from the line's middle to where the part ends, and weights in [0, 1].
 
         scale: px per segment; fade_px: segments from the middle beyond which a posterior counts less.
         """
         found = np.empty((2, len(self)))
         log_odds = self.crop.colours.log_odds
-        _posterior(self.crop.bins, log_odds, self._in_crop, self.outward, scale, _STEP, _LEAST_VARIANCE, found)
-        mean, weights = found
-        beyond = np.abs(mean) - fade_px
-        weights = weights * np.clip(1.0 - np.maximum(beyond, 0.0) / _FADE, 0.0, 1.0)
-        weights[self.free.min(0) < 2.0 * scale] = 0.0
-        return mean * scale, weights
+        _posterior(
+            self.crop.pixels, log_odds, self._in_crop, self.outward, self._least_free, scale, fade_px, _STEP,
+            _LEAST_VARIANCE, found,
+        )  # fmt: skip
+        return found
 
     def margin(self) -> float:
         """Mean probability just inside less that just outside, in [-1, 1]; 0 with fewer than four lines."""
         if len(self) < _LEAST_LINES or not self.crop.colours.is_known:
             return 0.0
-        free = self.free.min(0)
-        return float(_margin(self.crop.bins, self.crop.colours.log_odds, self._in_crop, self.outward, free))
+        log_odds, free = self.crop.colours.log_odds, self._least_free
+        return float(_margin(self.crop.pixels, log_odds, self._in_crop, self.outward, free))
 
     def bins_beside(self, reach_px: int) -> tuple[Uint16Array, Uint16Array]:
         """(i,) bins of pixels of the part and (o,) of its background, less than `reach_px` from the outline."""
         inwards, outwards = (
-            _bins_along(self.crop.bins, self._in_crop, sign * self.outward, free, reach_px)
+            _bins_along(self.crop.pixels, self._in_crop, sign * self.outward, free, reach_px)
             for sign, free in zip((-1.0, 1.0), np.ascontiguousarray(self.free), strict=True)
         )
         return inwards, outwards
 
 
-@kernel("i8(u2[:, ::1], f8, f8)")
-def _nearest(bins: Uint16Array, x: float, y: float) -> int:
-    """The bin of the pixel of (h, w) that is nearest to (x, y), -1 outside."""
-    height, width = bins.shape
+@kernel("i8(u1[:, :, :], f8, f8)")
+def _nearest(pixels: ByteImage, x: float, y: float) -> int:
+    """The bin of the pixel that is nearest to (x, y), see `RegionColours.bins`; -1 outside."""
+    height, width, _ = pixels.shape
     column, row = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
     if not (0 <= column < width and 0 <= row < height):
         return -1
-    nearest: int = bins[row, column]
+    red, green, blue = pixels[row, column, 0] >> 3, pixels[row, column, 1] >> 3, pixels[row, column, 2] >> 3
+    nearest: int = (red << 10) | (green << 5) | blue
     return nearest
 
 
-@kernel("f8(u2[:, ::1], f4[::1], f8, f8)")
-def _odds_at(bins: Uint16Array, log_odds: Float32Array, x: float, y: float) -> float:
+@kernel("f8(u1[:, :, :], f4[::1], f8, f8)")
+def _odds_at(pixels: ByteImage, log_odds: Float32Array, x: float, y: float) -> float:
     """Log-odds at (x, y); 0 where nobody sees: a part that leaves the image does not end there."""
-    found = _nearest(bins, x, y)
+    found = _nearest(pixels, x, y)
     odds: float = log_odds[found] if found >= 0 else 0.0
     return odds
 
 
-@kernel("void(u2[:, ::1], f4[::1], f8[:, ::1], f8[:, ::1], i8, f8[::1], f8, f8[:, ::1])")
+@kernel("void(u1[:, :, :], f4[::1], f8[:, ::1], f8[:, ::1], f8[::1], i8, f8, f8[::1], f8, f8[:, ::1])")
 def _posterior(
-    bins: Uint16Array, log_odds: Float32Array, points: FloatArray, outward: FloatArray, scale: int, step: FloatArray,
-    least_variance: float, found: FloatArray,
+    pixels: ByteImage, log_odds: Float32Array, points: FloatArray, outward: FloatArray, free: FloatArray, scale: int,
+    fade: float, step: FloatArray, least_variance: float, found: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill found (2, n): the posterior's mean in segments, and the share of a clean step's variance in its own."""
+    """Fill found (2, n): the posterior's mean in px, and its weight: a clean step's variance as a share of its own."""
     segments, evidence = np.empty(_SEGMENTS), np.empty(_PLACES)
     first = -0.5 * (_SEGMENTS * scale - 1)
     for i in range(len(points)):
+        if free[i] < 2.0 * scale:
+            found[0, i], found[1, i] = 0.0, 0.0
+            continue
         for segment in range(_SEGMENTS):
             total = 0.0
             for k in range(segment * scale, (segment + 1) * scale):
                 way = first + k
-                total += log_odds[
-                    _nearest(bins, points[i, 0] + way * outward[i, 0], points[i, 1] + way * outward[i, 1])
-                ]
+                total += _odds_at(
+                    pixels, log_odds, points[i, 0] + way * outward[i, 0], points[i, 1] + way * outward[i, 1]
+                )
             segments[segment] = min(max(total, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
         most = -np.inf
         for place in range(_PLACES):
@@ -150,13 +161,14 @@ def _posterior(
             mean += probability * offset
             square += probability * offset * offset
         mean /= total
-        found[0, i] = mean
-        found[1, i] = least_variance / max(square / total - mean * mean, least_variance)
+        weight = least_variance / max(square / total - mean * mean, least_variance)
+        found[0, i] = scale * mean
+        found[1, i] = weight * min(max(1.0 - max(abs(mean) - fade, 0.0) / _FADE, 0.0), 1.0)
 
 
-@kernel("f8(u2[:, ::1], f4[::1], f8[:, ::1], f8[:, ::1], f8[::1])")
+@kernel("f8(u1[:, :, :], f4[::1], f8[:, ::1], f8[:, ::1], f8[::1])")
 def _margin(
-    bins: Uint16Array, log_odds: Float32Array, points: FloatArray, outward: FloatArray, free: FloatArray
+    pixels: ByteImage, log_odds: Float32Array, points: FloatArray, outward: FloatArray, free: FloatArray
 ) -> float:
     """See `CorrespondenceLines.margin`; free: (n,) px that are free on both sides."""
     total = 0.0
@@ -166,23 +178,25 @@ def _margin(
             if way > free[i]:
                 break
             x, y = way * outward[i, 0], way * outward[i, 1]
-            inside = _odds_at(bins, log_odds, points[i, 0] - x, points[i, 1] - y)
-            outside = _odds_at(bins, log_odds, points[i, 0] + x, points[i, 1] + y)
+            inside = _odds_at(pixels, log_odds, points[i, 0] - x, points[i, 1] - y)
+            outside = _odds_at(pixels, log_odds, points[i, 0] + x, points[i, 1] + y)
             margin += 1.0 / (1.0 + np.exp(-inside)) - 1.0 / (1.0 + np.exp(-outside))
             count += 1
         total += margin / max(count, 1)
     return total / len(points)
 
 
-@kernel("u2[::1](u2[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], i8)")
-def _bins_along(bins: Uint16Array, points: FloatArray, way: FloatArray, free: FloatArray, reach_px: int) -> Uint16Array:
+@kernel("u2[::1](u1[:, :, :], f8[:, ::1], f8[:, ::1], f8[::1], i8)")
+def _bins_along(
+    pixels: ByteImage, points: FloatArray, way: FloatArray, free: FloatArray, reach_px: int
+) -> Uint16Array:  # fmt: skip
     """(m,) bins of the pixels at 1, 2, ... px along (n, 2) unit ways, less than `reach_px` and `free` (n,) away."""
     found, count = np.empty(len(points) * max(reach_px, 0), np.uint16), 0
     for i in range(len(points)):
         for k in range(1, reach_px):
             if k >= free[i]:
                 break
-            seen = _nearest(bins, points[i, 0] + k * way[i, 0], points[i, 1] + k * way[i, 1])
+            seen = _nearest(pixels, points[i, 0] + k * way[i, 0], points[i, 1] + k * way[i, 1])
             if seen < 0:
                 break
             found[count] = seen

@@ -13,6 +13,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
@@ -111,6 +112,8 @@ class NormalMeasure:
         targets: (n, m) px along the normal from the point to where the candidate says it belongs, its expected
             offset taken off.
         expected: those offsets, None where they are not learnt.
+        trust: (n,) of each sample.
+        sigma_px, outlier: of the soft assignment.
     """
 
     def __init__(
@@ -118,7 +121,8 @@ class NormalMeasure:
     ) -> None:
         config, knowledge = target.config, target.knowledge
         self._target = target
-        self._sigma_px = max(level.sigma_px, _LEAST_SIGMA_PX)
+        self.sigma_px = max(level.sigma_px, _LEAST_SIGMA_PX)
+        self.outlier = config.outlier
         self.at, self.edges, self.points, self.normals = at, edges, edges.points, edges.normals
         self.candidates: Candidates = search_along_normals(
             target.patch, self.points, self.normals, level.reach_px, config.search
@@ -131,7 +135,8 @@ class NormalMeasure:
         self.targets: FloatArray = self.candidates.offsets - knowledge.shifts(edges, self.candidates)
         if self.expected is not None:
             self.targets = self.targets - self.expected.offsets_px[:, None]
-        self._trust = knowledge.trust(edges, self.expected, self._sigma_px)
+        trust = knowledge.trust(edges, self.expected, self.sigma_px)
+        self.trust: FloatArray = np.ones(len(edges)) if trust is None else trust
 
     @property
     def knowledge(self) -> SampleKnowledge:
@@ -143,12 +148,9 @@ class NormalMeasure:
         """See `NormalSearch`."""
         return self._target.config.plain_share
 
-    def plain_quality(self, distances: FloatArray) -> float:
-        """The quality of distances (n, m) px to the candidates, whatever the memory says of these."""
-        scores = self.candidates.scores * self.edges.weights[:, None]
-        if not scores.size:
-            return 0.0
-        return float((scores * np.exp(-0.5 * (distances / QUALITY_SIGMA_PX) ** 2)).max(1).mean())
+    def plain_quality(self, distances: FloatArray, shift_px: float = 0.0) -> float:
+        """The quality of distances (n, m) px, less a shift, to the candidates, whatever the memory says of these."""
+        return float(_mean_nearness(self.candidates.scores, self.edges.weights, distances, shift_px, QUALITY_SIGMA_PX))
 
     @property
     def points_obj(self) -> FloatArray:
@@ -163,12 +165,12 @@ class NormalMeasure:
     def __call__(self, edges: GeneratedEdges) -> NormalMeasurement:
         """What the candidates say about the points where they are now."""
         distances = self.distances(edges)
-        assigned = soft_assignment(distances, self.scores, self._sigma_px, self._target.config.outlier)
-        return NormalMeasurement(assigned, self.normals, self._trust, self._sigma_px, self._target.config.outlier)
+        assigned = soft_assignment(distances, self.scores, self.sigma_px, self.outlier)
+        return NormalMeasurement(assigned, self.normals, self.trust, self.sigma_px, self.outlier)
 
     def reported_loss(self, edges: GeneratedEdges) -> float:
         """e with one width for all levels, so that they can be compared."""
-        return robust_loss(self.distances(edges), self.scores, QUALITY_SIGMA_PX, self._target.config.outlier)
+        return robust_loss(self.distances(edges), self.scores, QUALITY_SIGMA_PX, self.outlier)
 
     def agreement(self, sigma_px: float) -> float:
         """In [0, 1]: mean over the points of the best candidate's score times its nearness, without moving them."""
@@ -176,13 +178,12 @@ class NormalMeasure:
 
     def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> NormalJudgement:
         """What the candidates say about the level's points where its motion put them."""
-        distances = self.distances(moved)
-        fit = self.scores * np.exp(-0.5 * (distances / QUALITY_SIGMA_PX) ** 2)
-        best = fit.argmax(1)
+        distances, count = self.distances(moved), len(moved)
+        best, found, mass = np.empty(count, np.int64), np.empty(count), np.empty(count)
+        _best_candidates(self.scores, distances, QUALITY_SIGMA_PX, best, found, mass)
         # Edges that were painted anew are other points than those that were searched from.
         edges = drawn if len(drawn) == len(moved) else moved
-        loss = mixture_loss(fit.sum(1), self._target.config.outlier)
-        return NormalJudgement(edges, self, distances, best, fit[np.arange(len(fit)), best], loss)
+        return NormalJudgement(edges, self, distances, best, found, mixture_loss(mass, self.outlier))
 
     def target_view(self) -> TargetView:
         """The image edges that were found."""
@@ -191,6 +192,39 @@ class NormalMeasure:
         height, width = self._target.patch.channels.shape[:2]
         points = self.points[rows] + offsets[:, None] * self.normals[rows]
         return TargetView(points, self._target.patch.origin, (width, height))
+
+
+@kernel("f8(f8[:, ::1], f8[::1], f8[:, ::1], f8, f8)")
+def _mean_nearness(
+    scores: FloatArray, weights: FloatArray, distances: FloatArray, shift_px: float, sigma_px: float
+) -> float:
+    """Mean over n points, of weights (n,), of their best candidate's score times its nearness; 0 without points."""
+    total, narrow = 0.0, -0.5 / (sigma_px * sigma_px)
+    for i in range(len(scores)):
+        best = 0.0
+        for k in range(scores.shape[1]):
+            if scores[i, k] > best:
+                distance = distances[i, k] - shift_px
+                best = max(best, scores[i, k] * np.exp(narrow * distance * distance))
+        total += weights[i] * best
+    return total / max(len(scores), 1)
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], f8, i8[::1], f8[::1], f8[::1])")
+def _best_candidates(
+    scores: FloatArray, distances: FloatArray, sigma_px: float, best: np.ndarray, found: FloatArray, mass: FloatArray
+) -> None:
+    """Fill best (n,), the column of each point's best candidate, found, its score times its nearness, and their sum."""
+    narrow = -0.5 / (sigma_px * sigma_px)
+    for i in range(len(scores)):
+        best[i], found[i], mass[i] = 0, 0.0, 0.0
+        for k in range(scores.shape[1]):
+            if scores[i, k] == 0.0:
+                continue
+            fit = scores[i, k] * np.exp(narrow * distances[i, k] * distances[i, k])
+            mass[i] += fit
+            if fit > found[i]:
+                best[i], found[i] = k, fit
 
 
 class RepeatedSearch:
@@ -216,11 +250,11 @@ class RepeatedSearch:
 
 @dataclass(frozen=True, eq=False)
 class NormalMeasurement:
-    """See `solvers.Measurement`; trust: (n,) of each sample, None where all count alike."""
+    """See `solvers.Measurement`; trust: (n,) of each sample."""
 
     assigned: Assignment
     directions: FloatArray
-    trust: FloatArray | None
+    trust: FloatArray
     sigma_px: float
     outlier: float
 
@@ -232,7 +266,7 @@ class NormalMeasurement:
     @property
     def weights(self) -> FloatArray:
         """(n,) of the least squares."""
-        return self.assigned.weights if self.trust is None else self.assigned.weights * self.trust
+        return self.assigned.weights * self.trust
 
     @property
     def loss(self) -> float:
@@ -274,7 +308,7 @@ class NormalJudgement:
     def contrast(self) -> float:
         """In [-1, 1]: how many more image edges are at the points than beside them, whatever the memory says."""
         quality_of, distances = self.measure.plain_quality, self.distances
-        beside = 0.5 * (quality_of(distances - _BESIDE_PX) + quality_of(distances + _BESIDE_PX))
+        beside = 0.5 * (quality_of(distances, _BESIDE_PX) + quality_of(distances, -_BESIDE_PX))
         return quality_of(distances) - beside
 
     def learn(self, trusted: bool) -> None:

@@ -21,9 +21,7 @@ from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import FloatArray, IntArray
-from acp_lab.geometry.pose import transform
-from acp_lab.geometry.pose_step import image_directions
+from acp_lab.geometry.arrays import FloatArray, IntArray, plain
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
@@ -32,6 +30,7 @@ from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets import check_precision
 from acp_lab.tracking.targets.correspondence_lines import ColourCrop, CorrespondenceLines
+from acp_lab.tracking.targets.region_kernels import free_lengths, keep_free, line_rays, outline_lines, weigh_lines
 
 _RAY_STEP_PX = 3.0
 # Fewer lines say nothing.
@@ -87,8 +86,9 @@ class RegionLines:
 class RegionMemory:
     """What is kept from frame to frame: colours, and where and how steadily each outline sample's boundary was found.
 
+    off_obj: (n, 3) the sum of the two face normals of each of the part's n edge samples, off the material.
     margin: running difference of the mean probabilities inside and outside the outline.
-    offsets_mm: (n,) of the part's n edge samples, outwards from the CAD's outline to the colours' boundary.
+    offsets_mm: (n,) outwards from the CAD's outline to the colours' boundary.
     mean_square: (n,) px^2, running mean of how far beside that it was found.
     known: (n,) bool, whether a sample was ever a line.
     """
@@ -97,6 +97,7 @@ class RegionMemory:
         self.config = config
         self.edges = model.edges
         self.part = model.part
+        self.off_obj = model.edges.normals_obj.sum(1)
         self.colours = RegionColours(config.colours)
         self.margin = 0.0
         count = len(model.edges)
@@ -167,48 +168,45 @@ class RegionTarget:
 
     def lines(self, edges: GeneratedEdges, at: Estimate) -> CorrespondenceLines:
         """Across the outline at an estimate with its edge points: those with part inside and background outside."""
-        rows = np.flatnonzero(edges.outline & (edges.sample_ids >= 0))[: self.memory.config.lines]
-        ids, normals, pose = edges.sample_ids[rows], edges.normals[rows], at.cam_T_obj
-        samples = self.memory.edges
-        points_cam = transform(pose, samples.points_obj[ids])
-        directions_obj = image_directions(points_cam, normals, at.view.camera) @ pose[:3, :3]
-        side = np.sign(np.einsum("nj,nj->n", directions_obj, samples.normals_obj[ids].sum(1)))
-        outward, points = normals * side[:, None], edges.points[rows]
-        free = self.free_px(ids, points, outward, at)
-        keep = (free.min(0) > 0.0) & (side != 0.0)
-        px_per_mm = np.linalg.norm(directions_obj[keep], axis=1)
+        memory, most = self.memory, min(self.memory.config.lines, len(edges))
+        rows, ids = np.empty((2, most), np.int64)
+        (points, outward), px_per_mm = np.empty((2, most, 2)), np.empty(most)
+        count = outline_lines(
+            edges.outline, np.ascontiguousarray(edges.sample_ids), plain(edges.points), plain(edges.normals),
+            plain(at.cam_T_obj), at.view.camera.numbers, memory.edges.points_obj, memory.off_obj, rows, ids, points,
+            outward, px_per_mm,
+        )  # fmt: skip
+        self._cast(ids[:count], points, outward, at)
+        free = np.empty((2, count))
+        count = keep_free(self._free, rows[:count], ids[:count], points, outward, px_per_mm, free)
         return CorrespondenceLines(
-            self.crop, rows[keep], ids[keep], points[keep], outward[keep], free[:, keep], px_per_mm
+            self.crop, rows[:count], ids[:count], points[:count], outward[:count], free[:, :count], px_per_mm[:count]
         )
 
-    def free_px(self, ids: IntArray, points: FloatArray, outward: FloatArray, at: Estimate) -> FloatArray:
-        """(2, n) px from outline samples to where the part ends inwards, and begins again outwards, at most `reach_px`.
+    def _cast(self, ids: IntArray, points: FloatArray, outward: FloatArray, at: Estimate) -> None:
+        """How many px it is from outline samples to where the part ends inwards, and begins again outwards.
 
-        0 where there is no part inside or no background outside. By rays, once per frame and sample: a pose that is
-        refined changes it little.
+        At most `reach_px`; 0 where there is no part inside or no background outside. By rays, once per frame and
+        sample: a pose that is refined changes it little.
         """
         asked = np.flatnonzero(np.isnan(self._free[0, ids]))
-        if len(asked):
-            reach = np.arange(_RAY_STEP_PX, self.memory.config.reach_px + 0.1, _RAY_STEP_PX)
-            way = np.concatenate([-reach, reach])
-            pose, camera = at.cam_T_obj, at.view.camera
-            # A px outwards adds the same to every viewing direction of a line.
-            first = camera.rays(points[asked]) @ pose[:3, :3]
-            added = (outward[asked] / (camera.fx, camera.fy)) @ pose[:2, :3]
-            rays_obj = (first[:, None] + way[:, None] * added[:, None]).reshape(-1, 3)
-            eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
-            hit = self.memory.caster.occluded(eye, rays_obj, 1e9).reshape(len(asked), 2, len(reach))
-            # As far as the part reaches without a gap inwards, and the background outwards.
-            inwards = np.cumprod(hit[:, 0], axis=1).sum(1)
-            outwards = np.cumprod(~hit[:, 1], axis=1).sum(1)
-            self._free[:, ids[asked]] = _RAY_STEP_PX * np.stack([inwards, outwards])
-        return self._free[:, ids]
+        if not len(asked):
+            return
+        reach = np.arange(_RAY_STEP_PX, self.memory.config.reach_px + 0.1, _RAY_STEP_PX)
+        rays_of_lines = np.empty((len(asked), 2 * len(reach), 3))
+        pose = plain(at.cam_T_obj)
+        line_rays(asked, points, outward, pose, at.view.camera.numbers, np.concatenate([-reach, reach]), rays_of_lines)
+        rays_obj = rays_of_lines.reshape(-1, 3)
+        eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
+        hit = self.memory.caster.occluded(eye, rays_obj, 1e9).reshape(len(asked), 2, len(reach))
+        free_lengths(ids[asked], hit, _RAY_STEP_PX, self._free)
 
 
 class RegionMeasure:
     """Where colours say that the part ends, for the lines of one level.
 
-    directions: (n, 2) unit, the normals of the level's n edge points; those that are no lines have weight 0.
+    directions: (n, 2) unit, the normals of the level's n edge points. residuals: (n,) px along these at the level's
+    start; weights: (n,), 0 for those that are no lines.
     """
 
     def __init__(self, target: RegionTarget, edges: GeneratedEdges, at: Estimate, level: Level) -> None:
@@ -218,26 +216,23 @@ class RegionMeasure:
         self._start = edges.points
         self.directions = edges.normals
         self.lines = target.lines(edges, at)
-        self._residuals, self._weights = np.zeros(self._count), np.zeros(self._count)
+        self.residuals, self.weights = np.zeros(self._count), np.zeros(self._count)
         gate = memory.gate
         if gate == 0.0 or len(self.lines) < _LEAST_LINES:
             return
         is_fine = level.sigma_px <= config.fine_sigma_px
-        found_px, weights = self.lines.posterior(max(1, round(0.67 * level.sigma_px)), config.fade_px)
-        ids = self.lines.ids
-        if is_fine:
-            found_px = found_px - memory.offsets_mm[ids] * self.lines.px_per_mm
-            weights = weights * config.scatter_px**2 / (config.scatter_px**2 + memory.mean_square[ids])
-            weights = weights * np.where(memory.edges.crease[ids], 1.0, config.smooth_share)
-        rows = self.lines.rows
-        # Along the edge points' own normals, which may point inwards.
-        self._residuals[rows] = found_px * np.einsum("nj,nj->n", self.lines.outward, self.directions[rows])
-        self._weights[rows] = gate * weights
+        lines = self.lines
+        found = lines.posterior(max(1, round(0.67 * level.sigma_px)), config.fade_px)
+        weigh_lines(
+            gate, is_fine, config.scatter_px, config.smooth_share, found, lines.rows, lines.ids, lines.outward,
+            lines.px_per_mm, memory.offsets_mm, memory.mean_square, memory.edges.crease, self.directions,
+            self.residuals, self.weights,
+        )  # fmt: skip
 
     def __call__(self, edges: GeneratedEdges) -> RegionMeasurement:
         """Residuals of the lines where their points are now."""
-        residuals = self._residuals - np.einsum("nj,nj->n", edges.points - self._start, self.directions)
-        return RegionMeasurement(residuals, self.directions, self._weights)
+        residuals = self.residuals - np.einsum("nj,nj->n", edges.points - self._start, self.directions)
+        return RegionMeasurement(residuals, self.directions, self.weights)
 
     def reported_loss(self, edges: GeneratedEdges) -> float:
         """See `RegionMeasurement.loss`."""
@@ -300,5 +295,5 @@ class RegionJudgement:
     def target_view(self) -> TargetView:
         """The crop, without edges."""
         target = self.measure.target
-        height, width = target.crop.bins.shape
+        height, width, _ = target.crop.pixels.shape
         return TargetView(np.zeros((0, 2)), target.crop.origin, (width, height))

@@ -12,7 +12,12 @@ from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
-from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets, OffsetConfig
+from acp_lab.tracking.learning.contour_offsets import (
+    ContourOffsets,
+    ExpectedOffsets,
+    OffsetConfig,
+    _scatter_after_fit,
+)
 from tests.made_parts import box, bracket, looking_at
 
 CAMERA = Camera(width=640, height=512, fx=900.0, fy=900.0, cx=319.5, cy=255.5)
@@ -198,3 +203,65 @@ def test_samples_without_a_direction_or_an_outside_give_no_nan() -> None:
         assert np.isfinite(values).all()
     nothing = offsets.expect(np.zeros(0, np.intp), np.zeros(0, bool), np.zeros((0, 3)))
     assert len(nothing.offsets_px) == 0
+
+
+# ---- the slow twins ------------------------------------------------------------------------------------------
+
+
+def plain_expectation(
+    offsets: ContourOffsets, ids: np.ndarray, outline: BoolArray, directions: FloatArray
+) -> tuple[FloatArray, ...]:
+    """The fields of `ExpectedOffsets` in NumPy."""
+    scale = np.linalg.norm(directions, axis=1)
+    outward = np.sign(np.einsum("nj,nj->n", directions, EDGES.normals_obj[ids].sum(1)))
+    px_per_mm = np.where(outline, outward, 1.0) * scale
+    role, cell = outline.astype(int), offsets._cell_of[ids]
+    count, total = offsets._cell_count, offsets._cell_sum
+    of_class = (CONFIG.class_inertia * offsets.prior_mm + total.sum()) / (CONFIG.class_inertia + count.sum())
+    of_cell = (CONFIG.cell_inertia * of_class + total[cell]) / (CONFIG.cell_inertia + count[cell])
+    seen = offsets._sample_count[ids, role]
+    known = CONFIG.sample_inertia * np.where(outline, of_cell, 0.0) + offsets._sample_sum[ids, role]
+    offsets_mm = known / (CONFIG.sample_inertia + seen)
+    spread = np.where(count[cell] > 2, CONFIG.cell_spread, CONFIG.unknown_spread)
+    spread = np.where(outline, np.where(seen > 0, CONFIG.known_spread, spread), offsets.inner_spread_mm)
+    weights = CONFIG.edge_spread_px**2 / (CONFIG.edge_spread_px**2 + (spread * scale) ** 2)
+    return offsets_mm * px_per_mm, weights, offsets_mm, px_per_mm
+
+
+def test_what_is_expected_and_followed_is_that_of_the_slow_twin(rng: np.random.Generator) -> None:
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    offsets = fresh()
+    half = rng.random(len(ids)) < 0.5
+    some = ids[half], outline[half]
+    offsets.learn(*some, offsets.expect(*some, directions[half]), np.full(half.sum(), 0.2))
+    role = outline.astype(int)
+    for _ in range(2):
+        expected = offsets.expect(ids, outline, directions)
+        fields = (expected.offsets_px, expected.weights, expected.offsets_mm, expected.px_per_mm)
+        for found, plain in zip(fields, plain_expectation(offsets, ids, outline, directions), strict=True):
+            np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-12)
+        residuals = np.where(rng.random(len(ids)) < 0.2, np.nan, rng.normal(0.0, 1.5, len(ids)))
+        sums, near = offsets._sample_sum.copy(), np.flatnonzero(np.abs(residuals) < 2.0)
+        count = offsets._sample_count[ids, role]
+        spread = np.where(count > 0, CONFIG.known_spread, CONFIG.unknown_spread)
+        spread = np.where(outline, spread, offsets.inner_spread_mm)
+        share = CONFIG.follow_rate * spread**2 / (spread**2 + CONFIG.follow_noise**2)
+        there = np.clip(expected.offsets_mm + share * residuals / expected.px_per_mm, -CONFIG.largest, CONFIG.largest)
+        sums[ids[near], role[near]] += ((there - expected.offsets_mm) * (CONFIG.sample_inertia + count))[near]
+        offsets.follow(ids, outline, expected, residuals)
+        np.testing.assert_allclose(offsets._sample_sum, sums, rtol=1e-9, atol=1e-12)
+
+
+def test_the_scatter_is_what_a_robust_fit_leaves(rng: np.random.Generator) -> None:
+    jacobian = rng.normal(size=(80, 6)) * [40.0, 40.0, 40.0, 1.0, 1.0, 0.1]
+    residuals = jacobian @ rng.normal(size=6) * 0.02 + rng.normal(0.0, 0.3, 80)
+    residuals[::9] += 4.0
+    scaled, rest, step = jacobian / np.sqrt((jacobian**2).mean(0)), residuals, np.zeros(6)
+    for _ in range(3):
+        weights = 1.0 / (1.0 + (rest / 0.5) ** 2) ** 2
+        hessian = (scaled * weights[:, None]).T @ scaled + 1e-3 * weights.sum() * np.eye(6)
+        step = step + np.linalg.solve(hessian, (scaled * weights[:, None]).T @ rest)
+        rest = residuals - scaled @ step
+    expected = float(np.median(np.abs(rest)))
+    assert _scatter_after_fit(residuals, jacobian) == pytest.approx(expected, rel=1e-6)
+    assert expected < 0.7 * float(np.median(np.abs(residuals))), "the step explains much of it"

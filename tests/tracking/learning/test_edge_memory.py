@@ -93,3 +93,42 @@ def test_nothing_to_learn_is_no_trouble() -> None:
     memory.learn(np.zeros(0, np.intp), candidates(np.zeros((0, 6))), np.zeros(0, np.intp), np.zeros(0))
     assert not memory.known.any()
     assert memory.factors(np.zeros(0, np.intp), candidates(np.zeros((0, 6)))).shape == (0, 6)
+
+
+# ---- the slow twin -------------------------------------------------------------------------------------------
+
+
+def many(rng: np.random.Generator) -> Candidates:
+    """Four candidates of each of 30 samples."""
+    offsets, scores, before, after = rng.uniform(0.0, 200.0, (4, 30, 4))
+    return Candidates(offsets, scores, rng.normal(0.0, 30.0, (30, 4)), before, after)
+
+
+def test_factors_and_means_are_those_of_their_slow_twin(rng: np.random.Generator) -> None:
+    memory, ids = EdgeMemory(40, CONFIG), rng.permutation(40)[:30]
+    means, known = np.zeros((40, 3)), np.zeros(40, bool)
+    for _ in range(3):
+        seen, chosen = many(rng), rng.integers(0, 4, 30)
+        distance = np.where(rng.random(30) < 0.2, np.nan, rng.uniform(-3.0, 3.0, 30))
+        memory.learn(ids, seen, chosen, distance)
+        rows = np.flatnonzero(np.abs(np.nan_to_num(distance, nan=np.inf)) < CONFIG.learn_within_px)
+        picked = np.stack([values[rows, chosen[rows]] for values in (seen.gradients, seen.before, seen.after)], 1)
+        rate = np.where(known[ids[rows]], CONFIG.rate, 1.0)[:, None]
+        means[ids[rows]] += rate * (picked - means[ids[rows]])
+        known[ids[rows]] = True
+    np.testing.assert_allclose(memory.means, means, rtol=1e-12)
+    np.testing.assert_array_equal(memory.known, known)
+    seen = many(rng)
+    gradient, before, after = means[ids].T[..., None]
+    relative = (seen.gradients - gradient) / (np.abs(gradient) + 1.0) / CONFIG.gradient_tolerance
+    change = 0.5 * ((seen.before - before) ** 2 + (seen.after - after) ** 2) / CONFIG.grey_tolerance**2
+    by_gradient = CONFIG.gradient_floor + (1.0 - CONFIG.gradient_floor) * np.exp(-0.5 * relative**2)
+    by_grey = CONFIG.grey_floor + (1.0 - CONFIG.grey_floor) * np.exp(-0.5 * change)
+    expected = np.where(known[ids, None], by_gradient * by_grey, 1.0)
+    np.testing.assert_allclose(memory.factors(ids, seen), expected, rtol=1e-12)
+
+
+def test_unknown_samples_are_not_learnt() -> None:
+    memory = EdgeMemory(3, CONFIG)
+    memory.learn(np.array([-1, 1]), candidates(np.full((2, 1), 9.0)), np.zeros(2, int), np.zeros(2))
+    np.testing.assert_array_equal(memory.known, [False, True, False])

@@ -35,3 +35,17 @@ def test_the_scatter_at_half_weight_is_what_it_says() -> None:
     memory = SampleReliability(1, config)
     memory.learn(np.array([0]), np.array([False]), np.array([-0.4]))
     assert memory.weights(np.array([0]), np.array([False]))[0] == pytest.approx(0.5)
+
+
+def test_the_running_mean_is_that_of_its_slow_twin(rng: np.random.Generator) -> None:
+    config = ReliabilityConfig()
+    memory, ids, outline = SampleReliability(50, config), rng.permutation(50)[:30], rng.random(30) < 0.5
+    mean = np.full((50, 2), config.initial_px**2)
+    for _ in range(3):
+        residuals = np.where(rng.random(30) < 0.2, np.nan, rng.normal(0.0, 1.0, 30))
+        memory.learn(ids, outline, residuals)
+        square = np.minimum(np.nan_to_num(residuals**2, nan=np.inf), config.miss_px**2)
+        mean[ids, outline.astype(int)] += config.rate * (square - mean[ids, outline.astype(int)])
+    scatter = config.scatter_px**2
+    expected = scatter / (scatter + mean[ids, outline.astype(int)])
+    np.testing.assert_allclose(memory.weights(ids, outline), expected, rtol=1e-12)

@@ -86,8 +86,8 @@ def test_outlines_are_drawn_where_a_part_with_broken_edges_shows_them(view: View
     inset_px = 0.2 * CAMERA.fx / 330.0
     # Both faces of an edge lie further in, so an outline seen askew moves by up to 1.4 times as much.
     assert np.median(off[np.arange(len(off)), nearest]) < 0.5 * inset_px
-    np.testing.assert_array_equal(
-        edges.points[~edges.outline], shown(model, edges.sample_ids[~edges.outline], view.prior)
+    np.testing.assert_allclose(
+        edges.points[~edges.outline], shown(model, edges.sample_ids[~edges.outline], view.prior), rtol=0.0, atol=1e-9
     )
 
 

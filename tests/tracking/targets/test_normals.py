@@ -21,7 +21,14 @@ from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge, SampleLear
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.sources.rigid import RigidSource
 from acp_lab.tracking.targets import QUALITY_SIGMA_PX
-from acp_lab.tracking.targets.normals import NormalMeasure, NormalSearch, NormalTarget, RepeatedSearch
+from acp_lab.tracking.targets.normals import (
+    NormalMeasure,
+    NormalSearch,
+    NormalTarget,
+    RepeatedSearch,
+    _best_candidates,
+    _mean_nearness,
+)
 from acp_lab.tracking.targets.soft_assignment import mixture_loss, robust_loss, soft_assignment
 from tests.tracking.rendered import CAMERA, MadeSequence, prepared
 from tests.tracking.views import prior_of, view_at
@@ -316,3 +323,18 @@ def test_settings_that_make_no_search_are_refused(settings: dict[str, float], wo
     with pytest.raises(TrackingError) as caught:
         NormalSearch(**settings)  # type: ignore[arg-type]
     assert words in str(caught.value)
+
+
+def test_judging_is_what_its_slow_twin_says(rng: np.random.Generator) -> None:
+    scores = rng.random((30, 4)) * (rng.random((30, 4)) < 0.7)
+    distances, weights = rng.normal(0.0, 2.0, (30, 4)), rng.random(30)
+    fit = scores * np.exp(-0.5 * (distances / 1.5) ** 2)
+    best, found, mass = np.empty(30, np.int64), np.empty(30), np.empty(30)
+    _best_candidates(scores, distances, 1.5, best, found, mass)
+    np.testing.assert_array_equal(best, fit.argmax(1))
+    np.testing.assert_allclose(found, fit.max(1), rtol=1e-12)
+    np.testing.assert_allclose(mass, fit.sum(1), rtol=1e-12)
+    for shift in (0.0, 2.5, -2.5):
+        near = (weights[:, None] * scores * np.exp(-0.5 * ((distances - shift) / 1.5) ** 2)).max(1).mean()
+        assert _mean_nearness(scores, weights, distances, shift, 1.5) == pytest.approx(near, rel=1e-12)
+    assert _mean_nearness(np.zeros((0, 4)), np.zeros(0), np.zeros((0, 4)), 0.0, 1.5) == 0.0

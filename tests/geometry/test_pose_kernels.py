@@ -1,0 +1,45 @@
+"""Pose steps and six equations inside compiled loops, against their NumPy twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.geometry.pose import make_pose, so3_exp
+from acp_lab.geometry.pose_kernels import move, solve_six, step_between
+from acp_lab.geometry.pose_step import move_pose, pose_step_between
+
+CENTRE = np.array([120.0, -40.0, 15.0])
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-120, 1e-9, 0.01, 1.0, 3.1, np.pi])
+def test_a_step_there_and_back_is_that_of_its_twin(rng: np.random.Generator, angle: float) -> None:
+    for _ in range(5):
+        axis = rng.normal(size=3)
+        start = make_pose(so3_exp(rng.normal(size=3)), rng.normal(0.0, 200.0, 3))
+        step = np.concatenate([angle * axis / np.linalg.norm(axis), rng.normal(0.0, 5.0, 3)])
+        moved, back = np.empty((4, 4)), np.empty(6)
+        move(start, CENTRE, step, moved)
+        np.testing.assert_allclose(moved, move_pose(start, CENTRE, step), rtol=0.0, atol=1e-12 * 300.0)
+        step_between(start, moved, CENTRE, back)
+        expected = pose_step_between(start, moved, CENTRE)
+        # At half a turn both signs of the axis are right.
+        if abs(angle - np.pi) < 1e-9 and back[:3] @ expected[:3] < 0.0:
+            back[:3] *= -1.0
+        np.testing.assert_allclose(back, expected, rtol=0.0, atol=1e-9)
+
+
+def test_six_equations_are_solved(rng: np.random.Generator) -> None:
+    for _ in range(20):
+        matrix, vector = rng.normal(size=(6, 6)), rng.normal(size=6)
+        matrix[0, 0] = 0.0  # rows must be swapped
+        expected = np.linalg.solve(matrix, vector)
+        assert solve_six(matrix.copy(), vector)
+        np.testing.assert_allclose(vector, expected, rtol=1e-7)
+
+
+def test_equations_without_a_solution_say_so(rng: np.random.Generator) -> None:
+    matrix = rng.normal(size=(6, 6))
+    matrix[:, 3] = 0.0
+    assert not solve_six(matrix, np.ones(6))
+    assert not solve_six(np.full((6, 6), np.nan), np.ones(6))
