@@ -58,10 +58,12 @@ class Part:
     box_max: FloatArray
     symmetries: Symmetries = field(default_factory=Symmetries.none)
 
-    @property
+    @cached_property
     def box_centre(self) -> FloatArray:
-        """(3,) mm, object frame."""
-        return 0.5 * (self.box_min + self.box_max)
+        """(3,) mm, object frame; read-only."""
+        centre: FloatArray = 0.5 * (self.box_min + self.box_max)
+        centre.flags.writeable = False
+        return centre
 
     @property
     def box_size(self) -> FloatArray:

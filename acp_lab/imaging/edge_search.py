@@ -13,6 +13,7 @@ So gradients are taken in linear light; what is said of them is said in grey lev
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -99,7 +100,7 @@ def image_patch(
     x0, y0 = min(max(box[0], 0), width - 2), min(max(box[1], 0), height - 2)
     x1, y1 = max(min(box[2], width), x0 + 2), max(min(box[3], height), y0 + 2)
     grey = cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_RGB2GRAY)
-    light = cv2.LUT(grey, (255.0 * (np.arange(256) / 255.0) ** gamma).astype(np.float32))
+    light = cv2.LUT(grey, _linear_light(gamma))
     smooth, smooth_light = (
         cv2.GaussianBlur(each, (0, 0), blur_px, borderType=cv2.BORDER_REPLICATE)
         for each in (grey.astype(np.float32), light)
@@ -108,6 +109,13 @@ def image_patch(
     gx = cv2.Scharr(smooth_light, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
     gy = cv2.Scharr(smooth_light, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
     return ImagePatch(cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False), (x0, y0), gamma)
+
+
+@lru_cache(maxsize=8)
+def _linear_light(gamma: float) -> Float32Array:
+    """(256,) of each grey level, from 0 to 255."""
+    table: Float32Array = (255.0 * (np.arange(256) / 255.0) ** gamma).astype(np.float32)
+    return table
 
 
 def search_along_normals(

@@ -31,6 +31,8 @@ class KalmanPrediction:
         hold_below: a pose of less quality is not taken in: the part is held where it was last seen.
         first_turn_deg, first_shift_mm: standard deviation of a start pose; first_speed: of its motion, as multiples
             of these per frame.
+        sure_px, sure_innovation: a prediction is sure whose standard deviation in the image, of the part's centre, and
+            whose last innovation are below these; 0 for never.
     """
 
     kind: ClassVar[str] = "kalman"
@@ -43,6 +45,8 @@ class KalmanPrediction:
     first_turn_deg: float = 0.3
     first_shift_mm: float = 0.5
     first_speed: float = 25.0
+    sure_px: float = 4.0
+    sure_innovation: float = 0.5
 
     def __post_init__(self) -> None:
         for name in ("turn_deg", "shift_mm", "first_turn_deg", "first_shift_mm", "first_speed"):
@@ -87,6 +91,7 @@ class PoseKalman:
         first = np.array([np.radians(config.first_turn_deg)] * 3 + [config.first_shift_mm] * 3)
         self._widening = 1.0
         self.innovation = 0.0
+        self._observed = False
         self._go_on(cam_T_obj, np.zeros(6), np.diag(np.concatenate([first, config.first_speed * first]) ** 2))
 
     def predict(self) -> FloatArray:
@@ -128,16 +133,27 @@ class PoseKalman:
         self._velocity = self._velocity + step[6:]
         self._covariance, self._information = _symmetric(self._covariance - gain @ spread @ gain.T), None
 
+    def is_sure(self, camera: Camera) -> bool:
+        """Whether the part is surely near the predicted pose: its motion went on as predicted, and is slow enough."""
+        config = self._config
+        if not (self._observed and self.innovation < config.sure_innovation and self._widening <= 1.0):
+            return False
+        depth = float(transform(self.predict(), self._centre_obj)[2])
+        return bool(camera.fx * math.sqrt(self._covariance[[3, 4], [3, 4]].max()) < config.sure_px * depth)
+
     def coast(self) -> None:
         """A frame without an image: the motion goes on, less surely."""
+        self._observed = False
         self._go_on(self.predict(), self._velocity, self._covariance)
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone."""
         covariance = self._covariance
         if quality <= self._config.hold_below:
+            self._observed = False
             self._go_on(self.last, np.zeros(6), covariance)
             return
+        self._observed = True
         prior = self.information()
         off = pose_step_between(self.predict(), cam_T_obj, self._centre_obj)
         gain = covariance[:, :6] @ prior

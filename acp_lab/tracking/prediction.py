@@ -53,6 +53,10 @@ class Predictor(Protocol):
         """Take in where the part's centre seems to be in the next frame, see `kalman.PoseKalman.sight`."""
         ...
 
+    def is_sure(self, camera: Camera) -> bool:
+        """Whether the part is surely near the predicted pose, so that nobody has to look for it."""
+        ...
+
 
 @dataclass(frozen=True)
 class ConstantVelocityPrediction:
@@ -105,6 +109,10 @@ class _LastPose:
 
     def sight(self, camera: Camera, centre_px: FloatArray, scatter_px: float, doubt: float) -> None:
         """Nothing: without a covariance it cannot be weighed; methods that combine the two are refused."""
+
+    def is_sure(self, camera: Camera) -> bool:
+        """False."""
+        return False
 
 
 class LastPose(_LastPose):

@@ -57,6 +57,11 @@ class PixelSchedule:
             if not (level.reach_px >= 1 and level.sigma_px > 0.0 and level.samples >= 1):
                 raise TrackingError(f"schedule.levels: {level}: give reach, sigma and samples above 0")
 
+    @property
+    def near(self) -> tuple[Level, ...]:
+        """The levels from a pose that is surely near: without the first, which finds the way."""
+        return self.levels[1:] or self.levels
+
     def at(self, size_px: float) -> tuple[Level, ...]:
         """The levels for a part whose diameter measures size_px in the image."""
         return scaled(self.levels, size_px)

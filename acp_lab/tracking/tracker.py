@@ -29,7 +29,8 @@ from acp_lab.tracking.observer import Observer
 from acp_lab.tracking.picture import Picture, take_picture
 from acp_lab.tracking.recovery import Alternatives, Situation, recover
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
-from acp_lab.tracking.search import WIDE_LEVELS, is_plausible
+from acp_lab.tracking.schedule import Level, PixelSchedule
+from acp_lab.tracking.search import WIDE_LEVELS, better, is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
@@ -41,6 +42,8 @@ from acp_lab.tracking.way_back import Reacquisition
 # Share of a new frame in the running mean of the quality, with which recovery and learning compare.
 _QUALITY_RATE = 0.5
 _SCORE_RATE = 0.1
+# Share of the last score, or of the running mean where that is less, from which on a frame fits as usual.
+_USUAL = 0.92
 
 
 class Tracker:
@@ -135,7 +138,7 @@ class Tracker:
         if seen is not None and isinstance(self.method.recovery, Alternatives):
             # Again, with what the first frame taught.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
-            self._mean_score = (again or solution).score
+            self._mean_score = self._last_score = (again or solution).score
         quality = self._quality(solution)
         note = self._states.begin(quality)
         if self._way_back is not None and self.model.views is not None:
@@ -159,9 +162,7 @@ class Tracker:
             note = f"{frame.reason}; {changed}" if changed else frame.reason
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         frame = self._steady(frame, clock)
-        self._sight(frame, clock)
-        predicted = self.predicted
-        solution = self._solve(frame, predicted, clock)
+        predicted, solution = self._track(frame, clock)
         if self._is_lost and self._way_back is not None:
             solution = self._found(frame, solution, self._way_back, clock)
         else:
@@ -190,6 +191,7 @@ class Tracker:
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
             self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
+            self._last_score = solution.score
         return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(predicted) or note)
 
     def run(self, sequence: Sequence, start: FloatArray, observers: Iterable[Observer] = ()) -> TrackRun:
@@ -215,7 +217,7 @@ class Tracker:
         self._started = self._trusted = False
         self._region = 0
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
-        self._mean_quality = self._mean_score = 0.0
+        self._mean_quality = self._mean_score = self._last_score = 0.0
         self._carried = None
         self._picture: tuple[Picture, FloatArray] | None = None
 
@@ -253,15 +255,31 @@ class Tracker:
         solution = self.solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
         return None if solution is None else Started(solution, trusted=False, measures=False)
 
-    def _solve(self, frame: Frame, predicted: FloatArray, clock: Stopwatch) -> Solution | None:
-        """The first try, from the predicted pose or the control points that were carried on."""
+    def _track(self, frame: Frame, clock: Stopwatch) -> tuple[FloatArray, Solution | None]:
+        """The predicted pose, and the first try from there.
+
+        From a sure prediction the part is not looked for, and the first level, which finds the way, is left out; unless
+        the frame then fits worse than usual.
+        """
+        schedule, short = self.method.schedule, None
+        if isinstance(schedule, PixelSchedule) and self._predictor.is_sure(frame.camera):
+            short = self._solve(frame, self.predicted, clock, schedule.near)
+            if short is not None and short.score >= _USUAL * min(self._mean_score, self._last_score):
+                return self.predicted, short
+        self._sight(frame, clock)
+        return self.predicted, better(short, self._solve(frame, self.predicted, clock))
+
+    def _solve(
+        self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None
+    ) -> Solution | None:
+        """A try from the predicted pose or the control points that were carried on; levels: None for the method's."""
         before, self._region = self._region, self.solver.choose_region(predicted, self._region)
         seen = self._look(frame, predicted, clock, self._predictor.information())
         if seen is None:
             return None
         # Another region has another W, so I begins anew as the projection of the pose.
         start = self._carried_on(seen.view) if before == self._region else None
-        solution = self.solver.solve(seen, start or seen.view.at_pose(predicted), clock)
+        solution = self.solver.solve(seen, start or seen.view.at_pose(predicted), clock, levels)
         return solution if solution and is_plausible(solution.cam_T_obj, self.last, self.part) else None
 
     def _carried_on(self, view: View) -> Estimate | None:

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose, pose_step_between
 from acp_lab.tracking.kalman import KalmanPrediction, PoseKalman
@@ -288,3 +289,50 @@ def test_settings_that_no_motion_has_are_refused(setting: str, value: float) -> 
 
 def test_before_the_first_pose_nothing_moves() -> None:
     assert not KalmanPrediction().predictor(np.zeros(3)).moves
+
+
+# ---- whether anybody has to look for the part ----------------------------------------------------------------
+
+CAMERA = Camera(640, 512, 600.0, 600.0, 319.5, 255.5)
+
+
+def steady(config: KalmanPrediction, frames: int = 6) -> PoseKalman:
+    """After frames in which the part moved as predicted."""
+    motion = started(config)
+    for _ in range(frames):
+        motion.observe(motion.predict(), information=np.diag([1e8] * 3 + [1e4] * 3))
+    return motion
+
+
+def test_a_motion_that_goes_on_is_sure_and_one_that_was_not_seen_is_not() -> None:
+    config = replace(PLAIN, sure_px=3.0)
+    assert not started(config).is_sure(CAMERA), "nothing was seen yet"
+    motion = steady(config)
+    assert motion.is_sure(CAMERA)
+    motion.coast()
+    assert not motion.is_sure(CAMERA)
+    motion = steady(config)
+    motion.observe(motion.predict(), quality=0.0)
+    assert not motion.is_sure(CAMERA)
+    motion = steady(config)
+    motion.restart(START)
+    assert not motion.is_sure(CAMERA)
+
+
+def test_a_surprise_makes_it_unsure() -> None:
+    config = replace(PLAIN, sure_px=3.0, sure_innovation=0.5)
+    for kick_mm, sure in ((0.05, True), (4.0, False)):
+        motion = steady(config)
+        kicked = move_pose(motion.predict(), CENTRE, np.array([0.0, 0.0, 0.0, kick_mm, 0.0, 0.0]))
+        motion.observe(kicked, information=np.diag([1e8] * 3 + [1e4] * 3))
+        assert motion.is_sure(CAMERA) == sure
+
+
+def test_sure_is_a_matter_of_pixels() -> None:
+    motion = steady(replace(PLAIN, sure_px=3.0))
+    assert not motion.is_sure(replace(CAMERA, fx=60000.0))
+    deviation_mm = np.sqrt(np.linalg.inv(motion.information())[[3, 4], [3, 4]].max())
+    depth = float(transform(motion.predict(), CENTRE)[2])
+    limit_px = CAMERA.fx * deviation_mm / depth
+    assert steady(replace(PLAIN, sure_px=1.01 * limit_px)).is_sure(CAMERA)
+    assert not steady(replace(PLAIN, sure_px=0.99 * limit_px)).is_sure(CAMERA)

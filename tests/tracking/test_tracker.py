@@ -32,6 +32,7 @@ from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.prediction import ConstantVelocityPrediction
 from acp_lab.tracking.result import TrackResult, TrackState
+from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.session import PartTracker, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.sources.painted import PaintedSamples
@@ -602,8 +603,14 @@ def test_a_solution_that_no_part_can_reach_is_none(
     tracker.start(frames[0], sequence.first_pose)  # type: ignore[arg-type]
     last, solve = tracker.last, FrameSolver.solve
 
-    def diverged(solver: FrameSolver, seen: SeenFrame, start: Estimate, clock: Stopwatch) -> Solution | None:
-        found = solve(solver, seen, start, clock)
+    def diverged(
+        solver: FrameSolver,
+        seen: SeenFrame,
+        start: Estimate,
+        clock: Stopwatch,
+        levels: tuple[Level, ...] | None = None,
+    ) -> Solution | None:
+        found = solve(solver, seen, start, clock, levels)
         assert found is not None
         away = move_pose(found.cam_T_obj, part.box_centre, np.array([0.0, 0, 0, 0, 0, 2.5 * part.radius]))
         return replace(found, estimate=seen.view.at_pose(away))
@@ -613,3 +620,41 @@ def test_a_solution_that_no_part_can_reach_is_none(
     assert (result.quality, result.edges) == (0.0, None)
     np.testing.assert_array_equal(result.cam_T_obj, last)
     assert result.note
+
+
+# ---- how much of the way is looked for -----------------------------------------------------------------------
+
+
+def test_a_sure_prediction_is_solved_without_the_first_level_and_a_poor_fit_with_it(
+    part: Part, model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, images = truth_of(sequence), images_of(sequence)
+    tracker, counts, solve = Tracker(model), list[int](), FrameSolver.solve
+
+    def counted(
+        solver: FrameSolver,
+        seen: SeenFrame,
+        start: Estimate,
+        clock: Stopwatch,
+        levels: tuple[Level, ...] | None = None,
+    ) -> Solution | None:
+        counts.append(len(solver.levels_at(start, levels)))
+        return solve(solver, seen, start, clock, levels)
+
+    tracker.start(Frame(0, images[0], CAMERA), truth[0])
+    monkeypatch.setattr(FrameSolver, "solve", counted)
+    tracker.track(Frame(1, images[1], CAMERA))
+    assert counts[0] == 3, "nothing is known of the motion yet"
+    for index in (2, 3):
+        tracker.track(Frame(index, images[index], CAMERA))
+    counts.clear()
+    # Where it is expected, as far as a part that is drawn can be.
+    expected = tracker.predicted
+    result = tracker.track(Frame(4, draw([(part, expected)], 4), CAMERA))
+    assert counts == [2]
+    assert add_percent(part, result.cam_T_obj, expected) < 2.0
+    counts.clear()
+    jumped = move_pose(tracker.predicted, part.box_centre, np.array([0.03, 0.0, 0.02, -12.0, 9.0, 0.0]))
+    result = tracker.track(Frame(5, draw([(part, jumped)], 4), CAMERA))
+    assert counts[:2] == [2, 3]
+    assert add_percent(part, result.cam_T_obj, jumped) < 2.0

@@ -66,29 +66,29 @@ def line_rays(
                 rays_obj[n, k, j] = x * pose[0, j] + y * pose[1, j] + pose[2, j]
 
 
-@kernel("void(i8[::1], b1[:, :, :], f8, f8[:, ::1])")
-def free_lengths(ids: IntArray, hit: BoolArray, step_px: float, free: FloatArray) -> None:
-    """Write free[:, ids]: as far as the part reaches without a gap inwards, and the background outwards.
+@kernel("void(i8[::1], b1[:, :, :], f8[::1], f8[:, ::1])")
+def free_lengths(ids: IntArray, hit: BoolArray, step_mm: FloatArray, free: FloatArray) -> None:
+    """Write free[:, ids] (mm): as far as the part reaches without a gap inwards, and the background outwards.
 
-    hit: (n, 2, k) whether the rays along n lines hit the part, inwards and outwards, a step apart.
+    hit: (n, 2, k) whether the rays along n lines hit the part, inwards and outwards, step_mm (n,) apart.
     """
     for n in range(len(ids)):
         for side in range(2):
             steps = 0
             while steps < hit.shape[2] and hit[n, side, steps] == (side == 0):
                 steps += 1
-            free[side, ids[n]] = step_px * steps
+            free[side, ids[n]] = step_mm[n] * steps
 
 
 @kernel("i8(f8[:, ::1], i8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1])")
 def keep_free(
-    all_free: FloatArray, rows: IntArray, ids: IntArray, points: FloatArray, outward: FloatArray,
+    free_mm: FloatArray, rows: IntArray, ids: IntArray, points: FloatArray, outward: FloatArray,
     px_per_mm: FloatArray, free: FloatArray,
 ) -> int:  # fmt: skip
-    """Move the lines that are free on both sides to the front, and fill free (2, n) with theirs; returns how many."""
+    """Move lines that are free on both sides to the front, and fill free (2, n) px with theirs; returns how many."""
     count = 0
     for n in range(len(ids)):
-        inwards, outwards = all_free[0, ids[n]], all_free[1, ids[n]]
+        inwards, outwards = px_per_mm[n] * free_mm[0, ids[n]], px_per_mm[n] * free_mm[1, ids[n]]
         if inwards > 0.0 and outwards > 0.0:
             free[0, count], free[1, count] = inwards, outwards
             rows[count], ids[count], px_per_mm[count] = rows[n], ids[n], px_per_mm[n]

@@ -11,6 +11,7 @@ speak at coarse levels only.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -52,6 +53,7 @@ class RegionLines:
             calibration_rate: share of a frame in the running mean.
         smooth_share: how much more lines count at fine levels where the outline is no crease.
         fade_px: segments from the line's middle beyond which its posterior counts less.
+        same_view_deg: how far the part may turn, as the camera sees it, until rays ask anew how far its lines are free.
     """
 
     kind: ClassVar[str] = "regions"
@@ -68,9 +70,12 @@ class RegionLines:
     calibration_rate: float = 0.2
     smooth_share: float = 15.0
     fade_px: float = 2.5
+    same_view_deg: float = 2.0
 
     def __post_init__(self) -> None:
         check_precision(self.precision)
+        if not 0.0 <= self.same_view_deg <= 30.0:
+            raise TrackingError(f"targets.same_view_deg = {self.same_view_deg:g}: give degrees from 0 to 30")
         if not self.margin[0] < self.margin[1]:
             raise TrackingError(f"targets.margin = {self.margin}: give two rising numbers")
 
@@ -83,6 +88,24 @@ class RegionLines:
         return self.precision * (self.fine_share if level.sigma_px <= self.fine_sigma_px else 1.0)
 
 
+@dataclass(frozen=True, eq=False)
+class FreeLengths:
+    """How far lines are free in one view of the part.
+
+    to_eye_obj: (3,) unit, from the part's centre to the camera. mm: (2, n) from each edge sample to where the part ends
+    inwards, and begins again outwards; NaN where nobody asked.
+    """
+
+    to_eye_obj: FloatArray
+    mm: FloatArray
+
+    def seen_along(self, to_eye_obj: FloatArray, same_view_deg: float) -> FreeLengths:
+        """These, to be added to, as long as the view has turned by less; else none."""
+        if to_eye_obj @ self.to_eye_obj > math.cos(math.radians(same_view_deg)):
+            return FreeLengths(self.to_eye_obj, self.mm.copy())
+        return FreeLengths(to_eye_obj, np.full_like(self.mm, np.nan))
+
+
 class RegionMemory:
     """What is kept from frame to frame: colours, and where and how steadily each outline sample's boundary was found.
 
@@ -91,6 +114,7 @@ class RegionMemory:
     offsets_mm: (n,) outwards from the CAD's outline to the colours' boundary.
     mean_square: (n,) px^2, running mean of how far beside that it was found.
     known: (n,) bool, whether a sample was ever a line.
+    free: how far lines are free, as it was in the last frame that was learnt from.
     """
 
     def __init__(self, config: RegionLines, model: PreparedPart) -> None:
@@ -104,6 +128,7 @@ class RegionMemory:
         self.offsets_mm = np.zeros(count)
         self.mean_square = np.full(count, config.unknown_px**2)
         self.known = np.zeros(count, bool)
+        self.free = FreeLengths(np.zeros(3), np.full((2, count), np.nan))
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -156,7 +181,8 @@ class RegionTarget:
     def __init__(self, view: FrameView, memory: RegionMemory) -> None:
         self.crop = ColourCrop(view.image, view.box, memory.colours)
         self.memory = memory
-        self._free = np.full((2, len(memory.edges)), np.nan)
+        to_eye_obj = eye_position(view.prior) - memory.part.box_centre
+        self.free = memory.free.seen_along(to_eye_obj / np.linalg.norm(to_eye_obj), memory.config.same_view_deg)
 
     def bind(self, edges: GeneratedEdges, at: Estimate, level: Level) -> RegionMeasure:
         """The measure of one level."""
@@ -176,20 +202,22 @@ class RegionTarget:
             plain(at.cam_T_obj), at.view.camera.numbers, memory.edges.points_obj, memory.off_obj, rows, ids, points,
             outward, px_per_mm,
         )  # fmt: skip
-        self._cast(ids[:count], points, outward, at)
+        self._cast(ids[:count], points, outward, px_per_mm, at)
         free = np.empty((2, count))
-        count = keep_free(self._free, rows[:count], ids[:count], points, outward, px_per_mm, free)
+        count = keep_free(self.free.mm, rows[:count], ids[:count], points, outward, px_per_mm, free)
         return CorrespondenceLines(
             self.crop, rows[:count], ids[:count], points[:count], outward[:count], free[:, :count], px_per_mm[:count]
         )
 
-    def _cast(self, ids: IntArray, points: FloatArray, outward: FloatArray, at: Estimate) -> None:
-        """How many px it is from outline samples to where the part ends inwards, and begins again outwards.
+    def _cast(
+        self, ids: IntArray, points: FloatArray, outward: FloatArray, px_per_mm: FloatArray, at: Estimate
+    ) -> None:
+        """How far it is from outline samples to where the part ends inwards, and begins again outwards.
 
-        At most `reach_px`; 0 where there is no part inside or no background outside. By rays, once per frame and
-        sample: a pose that is refined changes it little.
+        At most `reach_px`; 0 where there is no part inside or no background outside. By rays, once per view and
+        sample: a pose that is refined, or a part that moves on without turning, changes it little.
         """
-        asked = np.flatnonzero(np.isnan(self._free[0, ids]))
+        asked = np.flatnonzero(np.isnan(self.free.mm[0, ids]))
         if not len(asked):
             return
         reach = np.arange(_RAY_STEP_PX, self.memory.config.reach_px + 0.1, _RAY_STEP_PX)
@@ -199,7 +227,7 @@ class RegionTarget:
         rays_obj = rays_of_lines.reshape(-1, 3)
         eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
         hit = self.memory.caster.occluded(eye, rays_obj, 1e9).reshape(len(asked), 2, len(reach))
-        free_lengths(ids[asked], hit, _RAY_STEP_PX, self._free)
+        free_lengths(ids[asked], hit, _RAY_STEP_PX / px_per_mm[asked], self.free.mm)
 
 
 class RegionMeasure:
@@ -283,8 +311,10 @@ class RegionJudgement:
         return max(self.score, 0.0)
 
     def learn(self, trusted: bool) -> None:
-        """Take in colours, and where the boundary lies."""
-        self.measure.target.memory.learn(self.lines, trusted)
+        """Take in colours, where the boundary lies, and how far lines are free."""
+        target = self.measure.target
+        target.memory.learn(self.lines, trusted)
+        target.memory.free = target.free
 
     @property
     def residuals_px(self) -> FloatArray:

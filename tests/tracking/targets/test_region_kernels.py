@@ -55,9 +55,10 @@ def test_rays_go_through_the_places_on_the_lines(rng: np.random.Generator) -> No
 def test_a_line_is_free_as_far_as_the_first_gap(rng: np.random.Generator) -> None:
     hit, free = rng.random((40, 2, 5)) < 0.7, np.full((2, 50), np.nan)
     ids = rng.permutation(50)[:40]
-    free_lengths(ids, hit, 3.0, free)
-    np.testing.assert_array_equal(free[0, ids], 3.0 * np.cumprod(hit[:, 0], axis=1).sum(1))
-    np.testing.assert_array_equal(free[1, ids], 3.0 * np.cumprod(~hit[:, 1], axis=1).sum(1))
+    step_mm = rng.random(40)
+    free_lengths(ids, hit, step_mm, free)
+    np.testing.assert_allclose(free[0, ids], step_mm * np.cumprod(hit[:, 0], axis=1).sum(1))
+    np.testing.assert_allclose(free[1, ids], step_mm * np.cumprod(~hit[:, 1], axis=1).sum(1))
     assert np.isnan(np.delete(free, ids, axis=1)).all()
 
 
@@ -73,7 +74,7 @@ def test_lines_that_are_free_on_both_sides_come_to_the_front(rng: np.random.Gene
     assert kept == keep.sum() > 3
     for now, was in zip((rows, ids, points, outward, px_per_mm), before, strict=True):
         np.testing.assert_array_equal(now[:kept], was[keep])
-    np.testing.assert_array_equal(free[:, :kept], all_free[:, before[1][keep]])
+    np.testing.assert_allclose(free[:, :kept], (all_free[:, before[1]] * before[4])[:, keep])
 
 
 def test_fine_levels_ask_what_is_known_of_a_line(rng: np.random.Generator) -> None:

@@ -14,7 +14,7 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import disturb_pose, transform
-from acp_lab.geometry.pose_step import image_directions
+from acp_lab.geometry.pose_step import centre_position, image_directions, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
@@ -456,3 +456,51 @@ def test_precision_at_fine_levels_is_a_share() -> None:
 def test_a_margin_that_opens_nothing_is_refused(margin: tuple[float, float]) -> None:
     with pytest.raises(TrackingError, match=r"^targets\.margin = .*: give two rising numbers$"):
         RegionLines(margin=margin)
+
+
+# ---- how far lines are free, from frame to frame -------------------------------------------------------------
+
+
+def asked(looked: Looked) -> int:
+    """Of how many samples it is known."""
+    return int(np.isfinite(looked.target.free.mm[0]).sum())
+
+
+def test_rays_are_cast_once_until_the_part_turns(part: Part, model: PreparedPart, truth: FloatArray) -> None:
+    image = painted(mask_of(part, truth))
+    first = looked_at(model, image, truth)
+    known = first.lines(truth)
+    assert asked(first) > 50
+    assert asked(first.next(image)) == 0, "a frame that taught nothing is not remembered"
+    first.learn(truth)
+    after = first.next(image)
+    assert asked(after) >= len(known)
+    np.testing.assert_allclose(after.lines(truth).free, known.free, rtol=1e-9)
+    turned = move_pose(truth, part.box_centre, np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]))
+    seen = first.solver.look(image, CAMERA, turned, 4)
+    assert seen is not None
+    assert asked(Looked(first.solver, seen)) == 0
+
+
+def test_looking_from_elsewhere_leaves_what_is_known(part: Part, model: PreparedPart, truth: FloatArray) -> None:
+    looked = looked_at(model, painted(mask_of(part, truth)), truth)
+    looked.learn(truth)
+    before = looked.memory.free.mm.copy()
+    turned = move_pose(truth, part.box_centre, np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0]))
+    seen = looked.solver.look(looked.seen.view.image, CAMERA, turned, 4)
+    assert seen is not None
+    Looked(looked.solver, seen).lines(turned)
+    np.testing.assert_array_equal(looked.memory.free.mm, before)
+
+
+def test_a_nearer_part_has_longer_lines(part: Part, model: PreparedPart, truth: FloatArray) -> None:
+    looked = looked_at(model, painted(mask_of(part, truth)), truth)
+    looked.learn(truth)
+    far = looked.lines(truth)
+    shift = -0.2 * centre_position(truth, part.box_centre)
+    nearer = move_pose(truth, part.box_centre, np.concatenate([np.zeros(3), shift]))
+    after = looked.next(looked.seen.view.image)
+    near = after.lines(nearer)
+    both, ours, theirs = np.intersect1d(far.ids, near.ids, return_indices=True)
+    assert len(both) > 30
+    np.testing.assert_allclose(np.median(near.free[:, theirs] / far.free[:, ours]), 1.25, rtol=0.05)
