@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray
 from acp_lab.sequences.frame import Frame
 
 _PIXELS = 5000
@@ -58,7 +58,7 @@ class Tones:
 
     def forget(self) -> None:
         """Before a new track."""
-        self._before: FloatArray | None = None
+        self._before: ByteImage | None = None
         self._curves: FloatArray | None = None
 
     def steady(self, frame: Frame) -> Frame:
@@ -77,27 +77,47 @@ class Tones:
         table = np.rint(self._curves).clip(0, 255).astype(np.uint8).T[None]
         return replace(frame, image=np.asarray(cv2.LUT(frame.image, table), np.uint8))
 
-    def _sudden_change(self, before: FloatArray, now: FloatArray) -> FloatArray | None:
+    def _sudden_change(self, before: ByteImage, now: ByteImage) -> FloatArray | None:
         """(3, 256) from grey values now to those before; None where the light did not change suddenly."""
-        change = float(np.abs(now - before).mean())
+        change = float(cv2.absdiff(now, before).mean())
         if change < self.config.least:
             return None
-        curves = np.stack([_matched(b, n) for b, n in zip(before.T, now.T, strict=True)])
-        left = float(np.abs(_applied(curves, now) - before).mean())
+        channels = [(np.ascontiguousarray(b), np.ascontiguousarray(n)) for b, n in zip(before.T, now.T, strict=True)]
+        counts = [[np.bincount(values, minlength=256) for values in channel] for channel in channels]
+        curves = np.stack([_matched(b, n) for b, n in counts])
+        pairs = zip(curves, channels, strict=True)
+        left = float(np.mean([np.abs(curve[n] - b).mean() for curve, (b, n) in pairs]))
         # A constant explains a frame that is all the same, or wholly another: that says nothing of the light.
-        by_constant = float(np.abs(before - np.median(before, axis=0)).mean())
+        by_constant = float(np.mean([_spread(b) for b, _ in counts]))
         return curves if left < min(self.config.unexplained * change, self.config.of_constant * by_constant) else None
 
 
-def _some_pixels(image: ByteImage) -> FloatArray:
+def _some_pixels(image: ByteImage) -> ByteImage:
     """(n, 3) on a grid."""
     step = max(1, round(float(np.sqrt(image.shape[0] * image.shape[1] / _PIXELS))))
-    return image[step // 2 :: step, step // 2 :: step].reshape(-1, 3).astype(np.float64)
+    return image[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
 
 
-def _matched(before: FloatArray, now: FloatArray) -> FloatArray:
-    """(256,) the curve that gives the pixels now the histogram of those before."""
-    wanted, given = np.percentile(before, _RANKS), np.percentile(now, _RANKS)
+def _percentiles(counts: IntArray, ranks: FloatArray) -> FloatArray:
+    """Those of pixels that are counted by their grey value (256,), as `numpy.percentile` takes them; on the per-frame
+    path."""
+    last = counts.sum() - 1
+    places = ranks / 100.0 * last
+    below = np.floor(places)
+    up_to = np.cumsum(counts)
+    low, high = (np.searchsorted(up_to, np.minimum(below + k, last), side="right") for k in (0, 1))
+    found: FloatArray = low + (places - below) * (high - low)
+    return found
+
+
+def _spread(counts: IntArray) -> float:
+    """Mean distance of counted pixels from their median."""
+    return float(counts @ np.abs(_GREYS - _percentiles(counts, np.array([50.0])))) / float(counts.sum())
+
+
+def _matched(before: IntArray, now: IntArray) -> FloatArray:
+    """(256,) the curve that gives the pixels now the histogram of those before; both counted by grey value."""
+    wanted, given = _percentiles(before, _RANKS), _percentiles(now, _RANKS)
     greys, rank = np.unique(given, return_inverse=True)
     mean = np.bincount(rank, wanted) / np.bincount(rank)
     return np.asarray(np.interp(_GREYS, greys, mean))

@@ -15,7 +15,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.result import TrackState
-from acp_lab.tracking.tones import ToneMatching, Tones
+from acp_lab.tracking.tones import ToneMatching, Tones, _percentiles, _spread
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import add_percent, draw, poses, prepared
@@ -133,3 +133,10 @@ def test_a_tracker_goes_on_through_a_step_that_it_would_be_lost_at() -> None:
         states[name] = {result.state for result in results}
     assert worst["with"] < 2.0 < 5.0 < worst["without"]
     assert states["with"] == {TrackState.TRACKING}
+
+
+def test_percentiles_of_counted_pixels_are_numpys(rng: np.random.Generator) -> None:
+    for pixels in (rng.integers(0, 256, 5001), rng.normal(120.0, 3.0, 400).astype(int), np.full(7, 255), np.arange(2)):
+        counts, ranks = np.bincount(pixels, minlength=256), np.linspace(0.0, 100.0, 65)
+        np.testing.assert_allclose(_percentiles(counts, ranks), np.percentile(pixels, ranks), atol=1e-9)
+        assert _spread(counts) == pytest.approx(float(np.abs(pixels - np.median(pixels)).mean()), abs=1e-9)
