@@ -77,22 +77,32 @@ class Stages:
 def watch(stages: Stages) -> None:
     """Have the stages of `acp` measured."""
     from acp_lab.tracking import frame_solver, tracker
+    from acp_lab.tracking.kalman import PoseKalman
     from acp_lab.tracking.pose_descent import PoseLevel
+    from acp_lab.tracking.priors import ControlPointDamping, MotionPrior
     from acp_lab.tracking.targets.normals import NormalMeasure, NormalTarget
     from acp_lab.tracking.targets.regions import RegionJudgement, RegionMemory, RegionTarget
 
     watched: tuple[tuple[Any, str, str], ...] = (
+        (tracker.Tracker, "_steady", "light: sudden changes"),
         (tracker.Tracker, "_sight", "picture: where did it go"),
+        (PoseKalman, "observe", "motion filter"),
+        (PoseKalman, "is_sure", "motion filter"),
+        (PoseKalman, "information", "motion filter"),
         (frame_solver.FrameSolver, "look", "image: crop, blur, gradients"),
         (frame_solver.FrameSolver, "_generate", "edges that show, projected"),
         (NormalTarget, "bind", "image edges along normals"),
         (RegionTarget, "bind", "colours across the outline"),
+        (MotionPrior, "bind", "Gauss-Newton steps"),
+        (ControlPointDamping, "bind", "Gauss-Newton steps"),
         (frame_solver, "pose_level", "Gauss-Newton steps"),
         (PoseLevel, "minimise", "Gauss-Newton steps"),
         (PoseLevel, "information", "Gauss-Newton steps"),
         (NormalMeasure, "judge", "judging the pose"),
         (NormalMeasure, "plain_quality", "judging the pose"),
         (RegionJudgement, "lines", "judging the pose"),
+        (tracker.Tracker, "_quality", "judging the pose"),
+        (tracker.Tracker, "_covariance", "judging the pose"),
         (tracker, "recover", "second tries"),
         (RegionMemory, "learn", "learning"),
         (tracker.Tracker, "_learn", "learning"),
