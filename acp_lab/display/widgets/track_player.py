@@ -15,6 +15,7 @@ from acp_lab.display.widgets.curve_plot import Curve, CurvePlot, Mark
 from acp_lab.display.widgets.film_canvas import FilmCanvas, Picture
 from acp_lab.display.widgets.frame_shelf import FrameShelf
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, Overlay, residual_strokes
+from acp_lab.display.widgets.still import Still
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.protocol import Sequence
@@ -28,13 +29,15 @@ LARGEST_SHOWN_ADD = 20.0
 """Percent; a lost part would flatten the rest of the curve."""
 
 
-class TrackPlayer(ipywidgets.VBox):
+class TrackPlayer(Still, ipywidgets.VBox):
     """Plays, scrubs and steps a `TrackRun`.
 
     frame: which frame of the run is shown, counted from 0; it moves with all controls, and moves them when it is
     assigned, so another viewer can lead or follow it (`player.observe(..., "frame")`). object_id: whose results.
     result: of that frame; canvas.picture(): what is shown of it. canvas, curves: the parts.
     """
+
+    still = "widget_player.png"
 
     frame = traitlets.Int(0)
     object_id = traitlets.Int(1)
