@@ -36,13 +36,13 @@ nb_execution_mode = os.environ.get("ACP_BOOK_EXECUTE", "cache")
 nb_execution_timeout = 1800
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-# Widgets need a kernel. Where one is asked to show itself here, its picture stands for it (display/widgets/still.py), and
-# no JavaScript for widgets is fetched.
+# Widgets need a kernel. Where one is asked to show itself here, its picture stands for it
+# (display/widgets/still.py), and no JavaScript for widgets is fetched.
 nb_mime_priority_overrides = [("html", "text/markdown", 1)]
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}
 
-# nbclient stands in for output widgets by writing to the very socket on which it waits for the cell's reply; a reply that
-# arrives just then goes unnoticed, and the build waits until the time is up. Without it, their output lands in the cell.
+# nbclient stands in for output widgets by writing to the very socket on which it waits for the cell's reply; a reply
+# that arrives just then goes unnoticed, and the build waits for ever. Without it, their output lands in the cell.
 _start_client = NotebookClient.__init__
 
 
