@@ -24,7 +24,7 @@ include_patterns = ["book/**", "docs/*.md", "notebooks/*.md", "notebooks/*.ipynb
 include_patterns += ["CHANGELOG.md", "CONTRIBUTING.md", "environment.md", "binder/README.md", "benchmarks/README.md"]
 include_patterns += ["data_recipes/README.md"]
 exclude_patterns = ["book/_build", "**/.ipynb_checkpoints", "notebooks/course_files"]
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
 
 # Pages: Markdown and notebooks.
 myst_enable_extensions = ["dollarmath"]

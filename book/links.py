@@ -39,8 +39,7 @@ def broken_links(site: Path) -> list[str]:
                 continue
             target = (path.parent / unquote(url.path)).resolve() if url.path else path
             found = pages.get(target)
-            # A page of source code links a class by each name that offers it; only its own module describes it.
-            place = "" if "_modules" in path.parts else unquote(url.fragment)
+            place = unquote(url.fragment)
             if not target.exists() or (found and place and place not in found.places):
                 broken.append(f"{path.relative_to(site.resolve())}: {link}")
     return broken
