@@ -7,7 +7,6 @@ Colours come from `acp_lab.display.colours`; the names below say what they stand
 from __future__ import annotations
 
 import logging
-
 from typing import Any
 
 from acp_lab.display.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, to_bytes
