@@ -66,8 +66,9 @@ wheel: $(DEV_STAMP) ## build dist/acp_lab-*.whl, sample included
 	rm -rf build
 	"$(BIN)/python" -m build --wheel --outdir dist .
 
-pictures: $(DEV_STAMP) ## renew the moving picture of the README
+pictures: $(DEV_STAMP) ## renew the moving picture of the README and the screenshots in docs/images; needs Chromium
 	"$(BIN)/python" -m benchmarks.moving_picture --parts "$(OUT)/parts"
+	"$(BIN)/python" -m tests.browser.pictures "$(OUT)/parts"
 
 book: $(BOOK_STAMP) ## build the site: course with outputs, documents, reference; in book/_build/html
 	"$(BIN)/python" -m sphinx -b html -c book . book/_build/html

@@ -9,12 +9,8 @@ have to be set before NumPy is first imported.
 
 from __future__ import annotations
 
-import errno
-import os
 import sys
-import traceback
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +18,9 @@ import typer
 
 from acp_lab import __version__
 from acp_lab.commands import console, interrupt
-from acp_lab.errors import AcpLabError, InputFileError
+from acp_lab.commands.choices import Device, EdgeSource, Generator, Iterations, PaintingFrame, Unit
+from acp_lab.commands.failure import tell_failure
+from acp_lab.commands.regions import joined_regions, regions_of
 
 app = typer.Typer(
     help="6DoF tracking of metal parts from their CAD models.",
@@ -32,54 +30,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Start with: acp-lab demo. Each command has its own --help.",
 )
-
-
-class Unit(StrEnum):
-    """The unit of a mesh file's numbers."""
-
-    MM = "mm"
-    CM = "cm"
-    M = "m"
-    INCH = "inch"
-
-
-class EdgeSource(StrEnum):
-    """Where `prepare --generator autoencoder` takes true edges from."""
-
-    ANALYTIC = "analytic"
-    NORMALS = "normals"
-
-
-class PaintingFrame(StrEnum):
-    """Where the auto-encoder's canonical frame stands: at the pose that it paints, or at a frame's predicted one."""
-
-    POSE = "pose"
-    PREDICTION = "prediction"
-
-
-class Device(StrEnum):
-    """Where the auto-encoder is trained."""
-
-    AUTO = "auto"
-    CPU = "cpu"
-    CUDA = "cuda"
-
-
-class Generator(StrEnum):
-    """What `prepare` makes of t(I)."""
-
-    TEMPLATES = "templates"
-    LEARNED = "learned"
-    BOTH = "both"
-    AUTOENCODER = "autoencoder"
-
-
-class Iterations(StrEnum):
-    """Of which frames a replay shows each iteration: none, those that went badly, every one."""
-
-    OFF = "off"
-    FAILURES = "failures"
-    ALL = "all"
 
 
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of everything random.", metavar="N")]
@@ -158,7 +108,7 @@ def prepare(
     options = PrepareOptions(
         generator=generator.value,
         fast=fast,
-        regions=_regions(regions),
+        regions=regions_of(regions),
         edge_break_mm=edge_break,
         edge_source=edges.value,
         seed=seed,
@@ -439,7 +389,7 @@ def lab(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit status, never an exception. arguments: without the program's name."""
-    words = _joined_regions(list(sys.argv[1:] if arguments is None else arguments))
+    words = joined_regions(list(sys.argv[1:] if arguments is None else arguments))
     console.drop_notes()
     with console.native_code_silenced(), console.warnings_as_notes(), interrupt.remembered():
         try:
@@ -455,57 +405,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return interrupt.tell()
             if not isinstance(error, Exception):
                 raise
-            return _fail(error)
-
-
-def _fail(error: Exception) -> int:
-    """Print the one line that an exception deserves; the exit status."""
-    if console.debugging():
-        traceback.print_exc()
-    if isinstance(error, AcpLabError):
-        console.say("error", str(error))
-        return 2
-    if hasattr(error, "format_message"):  # bad usage, as typer words it
-        console.say("error", f"{error.format_message().rstrip('. ')}: see {_help_of(error)}")
-        return 2
-    if isinstance(error, OSError) and error.errno == errno.EPIPE:
-        # Whoever read our output has seen enough; keep Python from complaining when it flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    if isinstance(error, OSError) and error.strerror:
-        where = f"{error.filename}: " if error.filename else ""
-        console.say("error", f"{where}{error.strerror}: check the path, its permissions and the disk")
-        return 2
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    console.say(
-        "error",
-        f"unexpected {type(error).__name__} in {Path(frame.filename).name}:{frame.lineno}: {error} "
-        "(this is a fault of acp_lab: ACP_LAB_DEBUG=1 shows the whole trace)",
-    )
-    return 1
-
-
-def _help_of(error: Exception) -> str:
-    path = getattr(getattr(error, "ctx", None), "command_path", None) or "acp-lab"
-    return f"{path} --help"
-
-
-def _joined_regions(words: list[str]) -> list[str]:
-    """`--regions 0 2 5` as `--regions 0,2,5`: an option of typer takes one word."""
-    if "--regions" not in words:
-        return words
-    start = words.index("--regions") + 1
-    end = start
-    while end < len(words) and words[end].strip(",").replace(",", "").isdigit():
-        end += 1
-    return [*words[:start], ",".join(words[start:end]), *words[end:]] if end > start else words
-
-
-def _regions(text: str) -> tuple[int, ...] | None:
-    """View regions of `--regions`: None for all; InputFileError for anything but 0 to 5."""
-    if text.strip().lower() == "all":
-        return None
-    words = text.replace(",", " ").split()
-    if not words or not all(word in "012345" and len(word) == 1 for word in words):
-        raise InputFileError(f"--regions {text}: give all, or some of the view regions 0 1 2 3 4 5")
-    return tuple(sorted({int(word) for word in words}))
+            return tell_failure(error)

@@ -48,7 +48,7 @@ def prepare(
     part: Part,
     options: PrepareOptions | None = None,
     *,
-    out: Path | None = None,
+    out: str | Path | None = None,
     progress: Progress | None = None,
 ) -> PreparedPart:
     """Prepare a part for tracking.
@@ -66,7 +66,7 @@ def prepare(
     options = options or PrepareOptions()
     if out is None:
         return _prepare(part, options, None, progress)
-    folder = part_folder(out, part.name)
+    folder = part_folder(Path(out), part.name)
     with only_writer(folder, "this part"):
         return _prepare(part, options, folder, progress)
 

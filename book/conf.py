@@ -4,9 +4,12 @@ The whole checkout is the source, so that links between notebooks and documents 
 in JupyterLab. Notebooks are run once and kept in a cache; ACP_BOOK_EXECUTE=off builds without their outputs.
 """
 
+import importlib.util
 import os
 import sys
 from pathlib import Path
+
+from nbclient import NotebookClient
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -21,7 +24,7 @@ include_patterns = ["book/**", "docs/*.md", "notebooks/*.md", "notebooks/*.ipynb
 include_patterns += ["CHANGELOG.md", "CONTRIBUTING.md", "environment.md", "binder/README.md", "benchmarks/README.md"]
 include_patterns += ["data_recipes/README.md"]
 exclude_patterns = ["book/_build", "**/.ipynb_checkpoints", "notebooks/course_files"]
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
 
 # Pages: Markdown and notebooks.
 myst_enable_extensions = ["dollarmath"]
@@ -33,6 +36,26 @@ nb_execution_mode = os.environ.get("ACP_BOOK_EXECUTE", "cache")
 nb_execution_timeout = 1800
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+# Widgets need a kernel. Where one is asked to show itself here, its picture stands for it
+# (display/widgets/still.py), and no JavaScript for widgets is fetched.
+nb_mime_priority_overrides = [("html", "text/markdown", 1)]
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}
+
+# nbclient stands in for output widgets by writing to the very socket on which it waits for the cell's reply; a reply
+# that arrives just then goes unnoticed, and the build waits for ever. Without it, their output lands in the cell.
+_start_client = NotebookClient.__init__
+
+
+def _without_output_widgets(self: NotebookClient, *args: object, **settings: object) -> None:
+    _start_client(self, *args, **settings)
+    self.widget_registry = {}
+
+
+NotebookClient.__init__ = _without_output_widgets  # type: ignore[method-assign]
+
+# Formulas need no network: MathJax comes as a package, whose one file for TeX and SVG goes into the site.
+_mathjax = Path(next(iter(importlib.util.find_spec("mathjax").submodule_search_locations)), "static", "mathjax")
+mathjax_path = "tex-svg.js"
 
 # The reference, from the docstrings.
 autosummary_generate = True
@@ -47,5 +70,5 @@ napoleon_use_ivar = True
 # The look: furo follows the reader's dark or light setting, and has a switch.
 html_theme = "furo"
 html_title = "acp_lab"
-html_static_path: list[str] = []
+html_static_path = [str(_mathjax / "es5" / "tex-svg.js")]
 html_theme_options = {"navigation_with_keys": True}

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 import acp_lab
-from acp_lab.cli import _joined_regions, main
+from acp_lab.cli import main
 from acp_lab.commands import console
+from acp_lab.commands.regions import joined_regions
 from acp_lab.errors import AcpLabError
 from tests.cli_runner import assert_one_error, run
 
@@ -125,15 +126,15 @@ def test_notes_wait_for_success(capsys: pytest.CaptureFixture[str], monkeypatch:
 
 
 def test_regions_may_be_several_words() -> None:
-    assert _joined_regions(["a.ply", "--regions", "0", "2", "5", "b.ply"]) == [
+    assert joined_regions(["a.ply", "--regions", "0", "2", "5", "b.ply"]) == [
         "a.ply",
         "--regions",
         "0,2,5",
         "b.ply",
     ]
-    assert _joined_regions(["--regions", "0,2", "--out", "x"]) == ["--regions", "0,2", "--out", "x"]
-    assert _joined_regions(["--regions", "all", "a.ply"]) == ["--regions", "all", "a.ply"]
-    assert _joined_regions(["a.ply", "--regions"]) == ["a.ply", "--regions"]
+    assert joined_regions(["--regions", "0,2", "--out", "x"]) == ["--regions", "0,2", "--out", "x"]
+    assert joined_regions(["--regions", "all", "a.ply"]) == ["--regions", "all", "a.ply"]
+    assert joined_regions(["a.ply", "--regions"]) == ["a.ply", "--regions"]
 
 
 def test_unknown_name_of_the_face() -> None:

@@ -105,6 +105,13 @@ def test_templates_alone(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.templates.packed, model.templates.packed)
 
 
+def test_the_folder_may_be_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in the README."""
+    monkeypatch.chdir(tmp_path)
+    preparation.prepare(bracket(), PrepareOptions(generator="templates"), out="parts")
+    assert (tmp_path / "parts" / bracket().name / "part.json").is_file()
+
+
 def test_both_generators_for_all_regions(tmp_path: Path) -> None:
     told = Told()
     model = prepare(bracket(), fast=True, out=tmp_path, progress=told)

@@ -46,6 +46,12 @@ class Part:
     name: the mesh file's stem. sha256: of the file's bytes (of the arrays' bytes when made in memory).
     diameter: mm, as models_info.json says, else the largest distance between two vertices.
     box_min, box_max: (3,) mm, of the vertices. All in the object frame; the arrays are read-only.
+
+    Example:
+        >>> from acp_lab.sample import sample_dataset
+        >>> part = Part.from_file(sample_dataset() / "models" / "obj_000001.ply")
+        >>> part.vertices.shape[1], round(part.diameter)
+        (3, 94)
     """
 
     name: str

@@ -24,6 +24,10 @@ def mid_section_points(box_min: np.ndarray, box_max: np.ndarray, axis: int) -> n
 
     Returns:
         (4, 3) mm, object frame, in order around the rectangle.
+
+    Example:
+        >>> mid_section_points(np.array([0.0, 0.0, 0.0]), np.array([40.0, 20.0, 10.0]), axis=2)[:, 2]
+        array([5., 5., 5., 5.])
     """
     centre = 0.5 * (np.asarray(box_min) + np.asarray(box_max))
     half = 0.5 * (np.asarray(box_max) - np.asarray(box_min))

@@ -11,7 +11,16 @@ import importlib
 from typing import Any
 
 _OFFERED: dict[str, tuple[str, ...]] = {
-    "pictures": ("panels", "show_image", "cut_to", "draw_edges", "draw_strokes", "draw_dots", "draw_quad"),
+    "pictures": (
+        "panels",
+        "show_image",
+        "without_ground",
+        "cut_to",
+        "draw_edges",
+        "draw_strokes",
+        "draw_dots",
+        "draw_quad",
+    ),
     "film": ("Film", "film"),
     "scene_3d": (
         "space",

@@ -6,6 +6,7 @@ Colours come from `acp_lab.display.colours`; the names below say what they stand
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from acp_lab.display.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, to_bytes
@@ -43,6 +44,8 @@ def use_look() -> None:
     import matplotlib as mpl
     from cycler import cycler
 
+    # A list of fonts that another installation left behind makes it name every font that it misses; ours is there.
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     settings: Any = {
         "figure.facecolor": "white",
         "savefig.facecolor": "none",

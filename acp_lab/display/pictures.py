@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from acp_lab.display.look import GENERATED, POINTS, Colour
 from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import ByteImage
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,6 +50,12 @@ def show_image(
     if around is not None:
         cut_to(axes, around, margin_px)
     return drawn
+
+
+def without_ground(image: ByteImage) -> ByteImage:
+    """A picture (h, w, 3) on pure white as (h, w, 4) whose white is transparent: it stands on a dark page, too."""
+    alpha = np.where((image == 255).all(axis=2), 0, 255).astype(np.uint8)
+    return np.dstack([image, alpha])
 
 
 def cut_to(axes: Axes, points: ArrayLike, margin_px: float = 15.0) -> None:

@@ -107,6 +107,15 @@ def evaluate(results: Results, truth: BopScene | BopDataset | str | Path, split:
     Every (scene, object) that has a row is scored; of these, frames without a row are failures.
     Raises SequenceError for no rows, for two rows of one frame and object, and for rows of a scene, image or
     object that the data set does not have; InputFileError for files that are missing or malformed.
+
+    Example:
+        >>> import acp_lab as acp
+        >>> from acp_lab.sample import sample_dataset
+        >>> scene = acp.open_sequence(sample_dataset())
+        >>> model = acp.prepare(scene.dataset.part(1), out="parts")  # doctest: +SKIP
+        >>> run = acp.Tracker(model).run(scene, start=scene.first_pose)
+        >>> acp.evaluate(run, scene).pooled.recall_5
+        1.0
     """
     if isinstance(truth, BopScene):
         dataset, split, only_scene = truth.dataset, truth.split, truth.scene_id

@@ -30,7 +30,15 @@ AUC_SHARE = 0.1
 
 
 def add_mm(points_obj: FloatArray, cam_T_est: FloatArray, cam_T_true: FloatArray) -> float:
-    """ADD: mean distance between each point (n, 3) under the estimate and the same point under the truth."""
+    """ADD: mean distance between each point (n, 3) under the estimate and the same point under the truth.
+
+    Example:
+        >>> points, true = np.random.default_rng(0).normal(size=(50, 3)), np.eye(4)
+        >>> off = np.eye(4)
+        >>> off[2, 3] = 3.0
+        >>> round(add_mm(points, off, true), 6)  # a shift moves every point as far
+        3.0
+    """
     # (R x + t) - (R' x + t') in one product.
     difference = cam_T_est[:3] - cam_T_true[:3]
     return float(np.linalg.norm(points_obj @ difference[:, :3].T + difference[:, 3], axis=1).mean())
@@ -64,6 +72,12 @@ def pose_error(cam_T_est: FloatArray, cam_T_true: FloatArray, symmetries: Symmet
     counts, for the translation too (S moves the origin when the axis of symmetry does not pass through it). S
     runs over the discrete symmetries, each followed by no turn or by the best turn about one continuous axis;
     that turn is exact, no step size limits it.
+
+    Example:
+        >>> off = np.eye(4)
+        >>> off[0, 3] = 2.0
+        >>> pose_error(off, np.eye(4))
+        PoseError(rotation_deg=0.0, translation_mm=2.0)
     """
     return _plain_error(cam_T_est, closest_truth(cam_T_est, cam_T_true, symmetries))
 
@@ -92,7 +106,12 @@ def translation_error_mm(cam_T_est: FloatArray, cam_T_true: FloatArray, symmetri
 
 
 def recall(errors: FloatArray, limit: float) -> float:
-    """Share of the errors (n,) strictly below a limit of the same unit."""
+    """Share of the errors (n,) strictly below a limit of the same unit.
+
+    Example:
+        >>> recall(np.array([0.01, 0.015, 0.03, np.inf]), limit=0.02)
+        0.5
+    """
     return float((errors < limit).mean()) if len(errors) else math.nan
 
 
@@ -106,7 +125,12 @@ def area_under_curve(errors: FloatArray, limit: float) -> float:
 
 def frames_until_lost(errors: FloatArray, limit: float) -> int:
     """How many errors (n,), in the order of the frames, come before the first above the limit; n when none
-    is."""
+    is.
+
+    Example:
+        >>> frames_until_lost(np.array([0.01, 0.02, 0.5, 0.01]), limit=0.3)
+        2
+    """
     lost = np.flatnonzero(~(errors <= limit))
     return int(lost[0]) if len(lost) else len(errors)
 

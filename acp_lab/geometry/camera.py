@@ -42,6 +42,12 @@ class Camera:
     width, height: image size in px; fx, fy, cx, cy: focal lengths and principal point in px;
     dist: (k1, k2, p1, p2, k3). Equal cameras compare and hash equal, so they can be cache keys.
     Raises GeometryError for sizes or focal lengths that are not positive and for numbers that are not finite.
+
+    Example:
+        >>> camera = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
+        >>> camera.project(np.array([[0.0, 0.0, 400.0], [10.0, 0.0, 400.0]]))
+        array([[319.5, 239.5],
+               [334.5, 239.5]])
     """
 
     width: int
@@ -89,6 +95,10 @@ class Camera:
 
         hfov_deg: horizontal field of view, from the left border of the image to the right one, in (0, 180).
         Raises GeometryError for other angles.
+
+        Example:
+            >>> round(Camera.from_field_of_view(640, 480, hfov_deg=60.0).fx, 2)
+            554.26
         """
         if not 0.0 < hfov_deg < 180.0:
             raise GeometryError(f"camera field of view hfov_deg={hfov_deg}: give degrees between 0 and 180")

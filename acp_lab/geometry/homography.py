@@ -44,6 +44,12 @@ def homography_from_points(src: FloatArray, dst: FloatArray) -> FloatArray:
     Solves `homography_system` between coordinates centred and scaled to about 1, because in raw pixels its
     columns differ by a factor of 1e6. Raises GeometryError when three points of a set are collinear, or when H
     sends the source's origin to infinity (then H33 = 0 and cannot be scaled to 1) or its middle.
+
+    Example:
+        >>> square = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+        >>> shift = homography_from_points(square, square + [5.0, 3.0])
+        >>> apply_homography(shift, np.array([[1.0, 1.0]])).round(6)
+        array([[6., 4.]])
     """
     source, destination = _unit_quad(src, "source"), _unit_quad(dst, "destination")
     h = _solved(*homography_system(source.corners, destination.corners))

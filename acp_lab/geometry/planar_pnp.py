@@ -64,6 +64,14 @@ def solve_planar_pnp(points_obj: FloatArray, points_image: FloatArray, camera: C
     Each is IPPE's solution refined on the reprojection error by Levenberg-Marquardt, through the pinhole part
     of the camera. Raises GeometryError when the object points are not coplanar or three of them are collinear,
     when three image points are collinear, and when no plane in front of the camera shows them in this order.
+
+    Example:
+        >>> from acp_lab.geometry.camera import Camera
+        >>> camera = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
+        >>> square_obj = np.array([[-20.0, -20.0, 0.0], [20.0, -20.0, 0.0], [20.0, 20.0, 0.0], [-20.0, 20.0, 0.0]])
+        >>> seen_px = camera.project(square_obj + [0.0, 0.0, 300.0])
+        >>> solve_planar_pnp(square_obj, seen_px, camera).poses[0][:3, 3].round(3) + 0.0
+        array([  0.,   0., 300.])
     """
     w, i = _four_rows(points_obj, 3, "object points"), _four_rows(points_image, 2, "image points")
     obj_T_plane = _turned_like_image(_plane_of(w.tobytes()), w, i)

@@ -24,7 +24,13 @@ _SMALL_RAD = 0.1
 
 
 def make_pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
-    """Pose (4, 4) of a rotation (3, 3) and a translation (3,) in mm."""
+    """Pose (4, 4) of a rotation (3, 3) and a translation (3,) in mm.
+
+    Example:
+        >>> pose = make_pose(np.eye(3), np.array([0.0, 0.0, 400.0]))
+        >>> pose[:3, 3]
+        array([  0.,   0., 400.])
+    """
     pose = np.zeros((4, 4))
     pose[3, 3] = 1.0
     pose[:3, :3] = rotation
@@ -43,18 +49,35 @@ def translation(pose: FloatArray) -> FloatArray:
 
 
 def inverse(pose: FloatArray) -> FloatArray:
-    """The pose (4, 4) that undoes a pose (4, 4): b_T_a of a_T_b."""
+    """The pose (4, 4) that undoes a pose (4, 4): b_T_a of a_T_b.
+
+    Example:
+        >>> cam_T_obj = make_pose(so3_exp(np.array([0.0, 0.0, 0.5])), np.array([1.0, 2.0, 400.0]))
+        >>> np.allclose(inverse(cam_T_obj) @ cam_T_obj, np.eye(4))
+        True
+    """
     back = pose[:3, :3].T
     return make_pose(back, -back @ pose[:3, 3])
 
 
 def transform(a_T_b: FloatArray, points_b: FloatArray) -> FloatArray:
-    """Points (n, 3), or one point (3,), of frame b in frame a; mm."""
+    """Points (n, 3), or one point (3,), of frame b in frame a; mm.
+
+    Example:
+        >>> cam_T_obj = make_pose(np.eye(3), np.array([0.0, 0.0, 400.0]))
+        >>> transform(cam_T_obj, np.array([[10.0, 0.0, 0.0]]))
+        array([[ 10.,   0., 400.]])
+    """
     return points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]
 
 
 def so3_exp(w: FloatArray) -> FloatArray:
-    """Rotation (3, 3) about the axis of w (3,) by its length in rad (Rodrigues' formula)."""
+    """Rotation (3, 3) about the axis of w (3,) by its length in rad (Rodrigues' formula).
+
+    Example:
+        >>> so3_exp(np.array([0.0, 0.0, np.pi / 2])).round(6) @ np.array([1.0, 0.0, 0.0])  # x turns to y
+        array([0., 1., 0.])
+    """
     x, y, z = float(w[0]), float(w[1]), float(w[2])
     angle = math.sqrt(x * x + y * y + z * z)
     a, b = _sine_coefficients(angle)
@@ -116,12 +139,22 @@ def interpolate(pose_a: FloatArray, pose_b: FloatArray, s: float) -> FloatArray:
     """The pose (4, 4) at share s of the screw motion from pose_a (s = 0) to pose_b (s = 1).
 
     The path does not depend on the frames in which the poses are given; s outside [0, 1] extrapolates.
+
+    Example:
+        >>> near, far = make_pose(np.eye(3), np.zeros(3)), make_pose(np.eye(3), np.array([0.0, 0.0, 8.0]))
+        >>> interpolate(near, far, 0.25)[:3, 3]
+        array([0., 0., 2.])
     """
     return pose_a @ se3_exp(s * se3_log(inverse(pose_a) @ pose_b))
 
 
 def rotation_angle_deg(rotation_a: FloatArray, rotation_b: FloatArray) -> float:
-    """The angle between two rotations (3, 3), 0 to 180 degrees."""
+    """The angle between two rotations (3, 3), 0 to 180 degrees.
+
+    Example:
+        >>> round(rotation_angle_deg(np.eye(3), so3_exp(np.array([0.1, 0.0, 0.0]))), 3)
+        5.73
+    """
     q0, qx, qy, qz = _quaternion(rotation_a.T @ rotation_b)
     return math.degrees(2.0 * math.atan2(math.sqrt(qx * qx + qy * qy + qz * qz), q0))
 
@@ -165,6 +198,14 @@ def disturb_pose(
     Turns the object by exactly angle_deg about a random axis through centre_obj (3,), mm, and moves that
     centre by exactly shift_mm in a random direction. The draws do not depend on the two amounts, so one seed
     gives the same directions at every size of disturbance.
+
+    Example:
+        >>> truth = make_pose(np.eye(3), np.array([0.0, 0.0, 400.0]))
+        >>> start = disturb_pose(truth, np.zeros(3), angle_deg=5.0, shift_mm=3.0, rng=np.random.default_rng(0))
+        >>> round(rotation_angle_deg(truth[:3, :3], start[:3, :3]), 6)
+        5.0
+        >>> round(float(np.linalg.norm(start[:3, 3] - truth[:3, 3])), 6)
+        3.0
     """
     axis, direction = (_random_direction(rng) for _ in range(2))
     turned = so3_exp(math.radians(angle_deg) * axis) @ cam_T_obj[:3, :3]

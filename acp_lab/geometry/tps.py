@@ -27,6 +27,11 @@ def warp_points_tps(points: FloatArray, src: FloatArray, dst: FloatArray) -> Flo
 
     Raises GeometryError for fewer than three points, sources that repeat or are all collinear, and shapes
     that do not match.
+
+    Example:
+        >>> square = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+        >>> warp_points_tps(np.array([[5.0, 5.0]]), square, square + [2.0, 0.0]).round(6)  # exact for shifts
+        array([[7., 5.]])
     """
     src, dst = _point_pairs(src, dst)
     to_unit = _Unit(src)

@@ -90,7 +90,15 @@ def median_thresholds(gradient: Float32Array) -> Thresholds:
 
 
 def canny(image: ByteImage, config: CannyConfig = CannyConfig()) -> BoolArray:
-    """Edge pixels (h, w) bool, one px wide, of an image (h, w) or (h, w, 3), with automatic thresholds."""
+    """Edge pixels (h, w) bool, one px wide, of an image (h, w) or (h, w, 3), with automatic thresholds.
+
+    Example:
+        >>> image = np.zeros((40, 40), np.uint8)
+        >>> image[10:30, 10:30] = 200
+        >>> edges = canny(image)
+        >>> edges.dtype, bool(edges[20, 9:12].any()), bool(edges[20, 20])
+        (dtype('bool'), True, False)
+    """
     dx, dy = _gradients(image, config.blur_sigma)
     gradient = cv2.magnitude(dx.astype(np.float32), dy.astype(np.float32)).astype(np.float32, copy=False)
     thresholds = (otsu_thresholds if config.rule == "otsu" else median_thresholds)(gradient)

@@ -47,7 +47,13 @@ def nearest_distances(points_a: FloatArray, points_b: FloatArray) -> FloatArray:
 
 
 def chamfer(points_a: FloatArray, points_b: FloatArray) -> Chamfer:
-    """Mean nearest distances of points_a (n, d) and points_b (m, d); raises as `nearest_distances`."""
+    """Mean nearest distances of points_a (n, d) and points_b (m, d); raises as `nearest_distances`.
+
+    Example:
+        >>> few, many = np.array([[0.0, 0.0]]), np.array([[0.0, 0.0], [4.0, 0.0]])
+        >>> print(chamfer(few, many))  # the few lie on the many, not the other way round
+        1 (there 0, back 2)
+    """
     return Chamfer(
         a_to_b=float(nearest_distances(points_a, points_b).mean()),
         b_to_a=float(nearest_distances(points_b, points_a).mean()),

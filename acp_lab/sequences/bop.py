@@ -214,6 +214,12 @@ def open_sequence(path: str | Path) -> BopScene:
     """Open a scene folder (…/test/000001), or a data set that holds a single scene in test/.
 
     Raises InputFileError when there is neither, SequenceError when the data set has several scenes.
+
+    Example:
+        >>> from acp_lab.sample import sample_dataset
+        >>> scene = open_sequence(sample_dataset())
+        >>> len(scene.frame_ids), scene.frame(0).image.shape, scene.first_pose.shape
+        (40, (512, 640, 3), (4, 4))
     """
     path = Path(path)
     if path.is_file():

@@ -30,7 +30,7 @@ LARGEST_GOOD_ERROR_PX = 1.0
 DICTIONARIES = tuple(
     f"{size}X{size}_{count}" for size in (4, 5, 6, 7) for count in (50, 100, 250, 1000)
 )
-"""Names of ArUco dictionaries, without OpenCV's DICT_."""
+"""Names of ArUco dictionaries, without OpenCV's `DICT_`."""
 _SMALLEST_COVER = 0.4
 _UNSURE_FOCAL = 0.01
 _MIN_CORNERS = 6

@@ -71,8 +71,8 @@ class LiveLoop:
         with self._changed:
             self._changed.wait_for(lambda: self._stands_at is not None or self.doing == "ended", timeout_s)
             frame = self._stands_at
-        if frame is None:
-            self.watch()
+            if frame is None:
+                self._turn_from("waiting", "watching")
         return frame
 
     def follow(self, cam_T_obj: FloatArray) -> None:
@@ -102,6 +102,14 @@ class LiveLoop:
                 self.doing, self._start = what, start
             self._changed.notify_all()
 
+    def _turn_from(self, before: Doing, what: Doing, start: FloatArray | None = None) -> bool:
+        """Do something else, unless somebody said otherwise meanwhile: a button outranks what the loop found out."""
+        with self._changed:
+            is_asked = self.doing == before and self._start is None
+            if is_asked:
+                self._do(what, start)
+        return is_asked
+
     def _run(self) -> None:
         try:
             for frame in self._paced():
@@ -120,13 +128,15 @@ class LiveLoop:
             self._stand_at(frame)
         if isinstance(frame, Frame) and self.doing == "looking":
             self._look_in(frame)
-        if self.doing != "following" or (self._start is not None and not isinstance(frame, Frame)):
-            return None
+        with self._changed:  # the start is taken with what it was meant for
+            if self.doing != "following" or (self._start is not None and not isinstance(frame, Frame)):
+                return None
+            start, self._start = self._start, None
         try:
-            result = self._track(frame)
+            result = self._track(frame, start)
         except AcpLabError as error:  # the pose that was given shows nothing here
-            self._tell(str(error))
-            self.watch()
+            if self._turn_from("following", "watching"):
+                self._tell(str(error))
             return None
         row = ResultRow(
             self.sequence.scene_id,
@@ -147,9 +157,7 @@ class LiveLoop:
             self._changed.wait_for(lambda: self._is_over or self.doing != "waiting")
             self._stands_at = None
 
-    def _track(self, frame: Frame | UnreadableFrame) -> TrackResult:
-        with self._changed:
-            start, self._start = self._start, None
+    def _track(self, frame: Frame | UnreadableFrame, start: FloatArray | None) -> TrackResult:
         if start is None or not isinstance(frame, Frame):
             return self._tracker.track(frame)
         self.rows = []
@@ -158,11 +166,8 @@ class LiveLoop:
     def _look_in(self, frame: Frame) -> None:
         self._tell("looking for the part: keep it still …")
         found = self._finder.find(frame, 1)
-        if self.doing != "looking":
-            return  # somebody changed their mind meanwhile
-        if found and found[0].is_accepted:
+        if found and found[0].is_accepted and self._turn_from("looking", "following", found[0].cam_T_obj):
             self._tell(f"found, score {found[0].score:.2f}")
-            self.follow(found[0].cam_T_obj)
 
     def _paced(self) -> Iterator[Frame | UnreadableFrame]:
         """The frames; those of a file not sooner than they were taken, as a camera would give them."""

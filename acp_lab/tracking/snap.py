@@ -94,6 +94,17 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     Raises:
         TrackingError: at the given pose the part is behind the camera, outside the image or shows too few edges.
         PreparationError: the part has no generator.
+
+    Example:
+        >>> import acp_lab as acp
+        >>> from acp_lab.sample import sample_dataset
+        >>> scene = acp.open_sequence(sample_dataset())
+        >>> model = acp.prepare(scene.dataset.part(1), out="parts")  # doctest: +SKIP
+        >>> near = scene.first_pose.copy()
+        >>> near[0, 3] += 5.0  # mm to the right
+        >>> found = acp.snap(model, scene.frame(0), near)
+        >>> bool(abs(found.cam_T_obj[0, 3] - scene.first_pose[0, 3]) < 2.0)
+        True
     """
     config = config or SnapConfig()
     start = np.array(cam_T_obj, np.float64)

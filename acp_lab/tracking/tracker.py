@@ -51,6 +51,17 @@ class Tracker:
 
     records_steps, records_target: whether results carry the iterations that led to them and the image edges
     that were found; for those who look inside, off by default. They change nothing else.
+
+    Example:
+        >>> import acp_lab as acp
+        >>> from acp_lab.sample import sample_dataset
+        >>> scene = acp.open_sequence(sample_dataset())
+        >>> model = acp.prepare(scene.dataset.part(1), out="parts")  # doctest: +SKIP
+        >>> tracker = acp.Tracker(model)
+        >>> result = tracker.start(scene.frame(0), scene.first_pose)
+        >>> result = tracker.track(scene.frame(1))
+        >>> str(result.state), result.control_points.shape
+        ('tracking', (4, 2))
     """
 
     def __init__(self, model: PreparedPart, method: Method | str = ACP) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import acp_lab.display
@@ -35,3 +36,11 @@ def test_no_name_is_offered_twice() -> None:
     assert set(names) <= set(dir(draw))
     with pytest.raises(AttributeError, match="no attribute 'draw_nothing'"):
         _ = draw.draw_nothing
+
+
+def test_white_ground_becomes_transparent() -> None:
+    picture = np.full((4, 4, 3), 255, np.uint8)
+    picture[1:3, 1:3] = (255, 255, 254)
+    alpha = draw.without_ground(picture)[..., 3]
+    assert (alpha[1:3, 1:3] == 255).all()
+    assert alpha.sum() == 4 * 255

@@ -21,6 +21,8 @@ keepHome(scope);
 keepHome(scope);
 const told = await scope.fetch(new Request("https://tel.rerun.io/api/pog", { method: "POST", body: "{}" }));
 await scope.fetch("https://tel.rerun.io/");
+await scope.fetch("https://api.github.com/repos/rerun-io/rerun/releases/latest");
+await scope.fetch("https://api.github.com/repos/others");
 await scope.fetch("/api/kernels");
 await scope.fetch(new URL("http://localhost:4000/re_viewer_bg.wasm"));
 await scope.fetch(new Request("http://localhost:4000/widget.js"));
@@ -36,7 +38,12 @@ def test_requests_to_the_statistics_host_are_not_sent(tmp_path: Path) -> None:
     (tmp_path / "trial.mjs").write_text(_TRIAL, encoding="utf-8")
     done = subprocess.run([node, "trial.mjs"], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)
     assert json.loads(done.stdout) == {
-        "sent": ["/api/kernels", "http://localhost:4000/re_viewer_bg.wasm", "http://localhost:4000/widget.js"],
+        "sent": [
+            "https://api.github.com/repos/others",
+            "/api/kernels",
+            "http://localhost:4000/re_viewer_bg.wasm",
+            "http://localhost:4000/widget.js",
+        ],
         "ok": True,
     }
 

@@ -50,12 +50,12 @@ def test_everything_moves_with_the_frame_and_moves_it() -> None:
             lambda: None,
             lambda: setattr(player, "frame", 1),
             lambda: player.curves.set_state({"cursor": 2}),
-            lambda: player.play.set_state({"value": 3}),
+            lambda: player.canvas._hear(None, {"kind": "at", "frame": 3}, []),
         )
     ):
         move()
-        assert player.frame == player.slider.value == player.play.value == player.curves.cursor == place
-        assert f"image {FRAME_IDS[place]}" in player.canvas.title
+        assert player.frame == player.canvas.frame == player.curves.cursor == place
+        assert f"image {FRAME_IDS[place]}" in player.canvas.picture().title
     player.frame = 99
     assert player.frame == 3
 
@@ -63,11 +63,11 @@ def test_everything_moves_with_the_frame_and_moves_it() -> None:
 def test_an_unreadable_frame_says_why_and_shows_no_picture() -> None:
     player = TrackPlayer(run(MadeStream()))
     player.frame = FRAME_IDS.index(UNREADABLE_ID)
-    assert player.canvas.image == b""
-    assert "the file is empty" in player.canvas.status
+    assert player.canvas.picture().image == b""
+    assert "the file is empty" in player.canvas.picture().status
     player.frame = 0
-    assert player.canvas.image != b""
-    assert "ADD" in player.canvas.status
+    assert player.canvas.picture().image != b""
+    assert "ADD" in player.canvas.picture().status
 
 
 def test_the_curves_are_those_of_the_run() -> None:

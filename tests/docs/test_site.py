@@ -34,3 +34,14 @@ def test_broken_links_are_seen(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert done.stdout.splitlines() == ["a.html: b.html#there", "b.html: c.html"]
+
+
+def test_what_comes_over_a_network_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text('<script src="here.js"></script><a href="https://nowhere.invalid/a">x</a>')
+    (tmp_path / "here.js").write_text("")
+    command = [sys.executable, str(BOOK / "links.py"), str(tmp_path)]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+    (tmp_path / "b.html").write_text('<link rel="stylesheet" href="//nowhere.invalid/b.css"><img src="data:,">')
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stdout.splitlines() == ["b.html: loads //nowhere.invalid/b.css"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from acp_lab.tracking.result import TrackResult
 from tests.plugged_camera import PluggedCamera
 from tests.prepared_sample import sample_model, sample_scene
 
-LAST = 30.0
+LAST = 60.0
 
 
 class Spectator:
@@ -47,6 +48,13 @@ def loop(spectator: Spectator, monkeypatch: pytest.MonkeyPatch) -> Iterator[Live
     spectator.loop = made = LiveLoop(sample_model(), camera, spectator.show, spectator.words.append)
     yield made
     made.stop(LAST)
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + LAST
+    while not condition():
+        assert time.monotonic() < end, "it never came true"
+        time.sleep(0.01)
 
 
 def add_percents(spectator: Spectator) -> list[float]:
@@ -93,12 +101,64 @@ def test_a_pose_that_shows_nothing_is_told_and_it_goes_on_watching(loop: LiveLoo
     away[:3, 3] = (0.0, 0.0, -500.0)
     loop.follow(away)
     loop.begin()
-    until = time.monotonic() + LAST
-    while not spectator.words and time.monotonic() < until:
-        time.sleep(0.01)
+    until(lambda: bool(spectator.words))
     assert "not seen" in spectator.words[0]
     assert loop.hold() is not None, "it goes on"
     assert loop.rows == []
+
+
+def test_a_button_outranks_what_was_found_at_that_moment(loop: LiveLoop, spectator: Spectator) -> None:
+    class Found:
+        """A hypothesis that is looked at just when the hand presses "only show"."""
+
+        cam_T_obj, score = np.eye(4), 1.0
+
+        @property
+        def is_accepted(self) -> bool:
+            loop.watch()
+            return True
+
+    loop._finder.find = lambda frame, top: [Found()]  # type: ignore[method-assign, assignment, list-item]
+    loop.look()
+    loop.begin()
+    until(lambda: len(spectator.shown) > 3)
+    assert loop.doing == "watching"
+    assert loop.rows == []
+    assert not any(text.startswith("found") for text in spectator.words)
+
+
+def test_a_start_that_fails_does_not_take_back_what_was_pressed_meanwhile(
+    loop: LiveLoop, spectator: Spectator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = sample_scene().truth(0, 1)
+    assert truth is not None
+    start = loop._tracker.start
+
+    def start_and_press(frame: Frame, cam_T_obj: np.ndarray) -> TrackResult:
+        monkeypatch.setattr(loop._tracker, "start", start)
+        loop.follow(truth)  # a better pose comes while this one is tried
+        return start(frame, cam_T_obj)
+
+    monkeypatch.setattr(loop._tracker, "start", start_and_press)
+    away = np.eye(4)
+    away[:3, 3] = (0.0, 0.0, -500.0)
+    loop.follow(away)
+    loop.begin()
+    assert loop.wait(LAST)
+    assert spectator.words == []
+    assert len(loop.rows) == spectator.enough
+
+
+def test_a_stop_that_waited_in_vain_leaves_alone_what_was_pressed_meanwhile(
+    spectator: Spectator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("acp_lab.sequences.images.cv2.VideoCapture", PluggedCamera)
+    camera = open_images("0", sample_scene().camera(0))
+    loop = LiveLoop(sample_model(), camera, spectator.show, spectator.words.append)  # no frame comes: never begun
+    presses = threading.Timer(0.1, loop.look)
+    presses.start()
+    assert loop.hold(0.4) is None
+    assert loop.doing == "looking"
 
 
 def test_a_camera_that_is_not_there_is_told(spectator: Spectator, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from acp_lab.display.widgets.overlay import Overlay
 from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.display.widgets.still import Still
 from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.homography import check_quad
@@ -23,13 +24,15 @@ SMALLEST_HEIGHT_PX = 3.0
 """A corner nearer than this to the line through two others says nothing about a pose."""
 
 
-class ControlPointEditor(PointCanvas):
+class ControlPointEditor(Still, PointCanvas):
     """A picture with four control points as handles; traits as in `PointCanvas`.
 
     points: (4, 2) px. Drag them with mouse or finger, or choose one and use the arrow keys (1 px, with Shift
     10 px); the area between them moves all four. Wheel and buttons zoom, the ground pans.
     problem: why the quad is no quad, in one line; "" for a good one.
     """
+
+    still = "widget_editor.png"
 
     def __init__(
         self, image: ByteImage | None, points: ArrayLike, overlays: Iterable[Overlay] = (), **traits: Any

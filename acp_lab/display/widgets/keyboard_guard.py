@@ -10,6 +10,7 @@ import anywidget
 import ipywidgets
 
 from acp_lab.display.widgets.point_canvas import module_text
+from acp_lab.display.widgets.still import Still
 
 
 class KeyboardGuard(anywidget.AnyWidget):
@@ -18,6 +19,12 @@ class KeyboardGuard(anywidget.AnyWidget):
     _esm = module_text("keyboard_guard.js")
 
 
-def guarded(widget: ipywidgets.Widget) -> ipywidgets.VBox:
-    """A widget in a box of its own, which leaves the keyboard to the notebook until it is clicked."""
-    return ipywidgets.VBox([KeyboardGuard(), widget])
+class GuardedViewer(Still, ipywidgets.VBox):
+    """rerun's viewer in a box of its own."""
+
+    still = "replay_viewer.png"
+
+
+def guarded(widget: ipywidgets.Widget) -> GuardedViewer:
+    """A viewer in a box of its own, which leaves the keyboard to the notebook until it is clicked."""
+    return GuardedViewer([KeyboardGuard(), widget])

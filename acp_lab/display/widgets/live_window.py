@@ -18,6 +18,7 @@ from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, Overlay, residual_st
 from acp_lab.display.widgets.picture import image_size, jpeg_bytes
 from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.display.widgets.pose_aligner import PoseAligner
+from acp_lab.display.widgets.still import Still
 from acp_lab.errors import AcpLabError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
@@ -37,12 +38,14 @@ KEPT = 300
 WATCHING = "no pose yet: find it, or align it by hand"
 
 
-class LiveWindow(ipywidgets.VBox):
+class LiveWindow(Still, ipywidgets.VBox):
     """Frames as they come, with the part's edges, the quality, and what one can do about it.
 
     loop: the `LiveLoop` behind it. canvas, quality: the picture and its curve. aligner: a `PoseAligner` on the frame at
     which the film was stopped, None otherwise. Buttons are methods: `find`, `align`, `follow_aligned`, `stop`, `save`.
     """
+
+    still = "widget_live.png"
 
     def __init__(
         self,

@@ -13,6 +13,7 @@ from acp_lab.display.widgets.controls import row, side_by_side
 from acp_lab.display.widgets.curve_plot import Curve, CurvePlot
 from acp_lab.display.widgets.overlay import Colour, Overlay, edge_strokes
 from acp_lab.display.widgets.point_canvas import Axis, PointCanvas
+from acp_lab.display.widgets.still import Still
 from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.prepared_part import PreparedPart
@@ -39,13 +40,15 @@ TURN_REACH_DEG = 8.0
 SHIFT_REACH_IN_DIAMETERS = 0.1
 
 
-class LossLandscape(ipywidgets.VBox):
+class LossLandscape(Still, ipywidgets.VBox):
     """A map of e around the pose in the middle, a start to drag on it, the optimiser's way, and cuts.
 
     surface: the `LossSurface` that computes. map, frame_view: the two canvases. descent: the last way, None for the
     images' loss, which has no distances to follow. The controls are attributes, so that Python can turn them, too:
     space, u, v, form, alpha, reach, anneal, solver.
     """
+
+    still = "widget_landscape.png"
 
     def __init__(self, model: PreparedPart, frame: Frame, cam_T_obj: FloatArray) -> None:
         """cam_T_obj: (4, 4), the middle: the true pose, or what a tracker found."""

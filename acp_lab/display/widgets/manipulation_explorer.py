@@ -11,6 +11,7 @@ from acp_lab.display.widgets.control_point_editor import ControlPointEditor
 from acp_lab.display.widgets.controls import Turn, button, motion_buttons, row, side_by_side
 from acp_lab.display.widgets.overlay import Overlay, edge_strokes
 from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.display.widgets.still import Still
 from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
@@ -26,13 +27,15 @@ ROOM = 1.7
 """A panel shows this many times the part's extent, so that there is room to drag."""
 
 
-class ManipulationExplorer(ipywidgets.VBox):
+class ManipulationExplorer(Still, ipywidgets.VBox):
     """An editor on the left, on the right one panel per way of manipulating edges, all following its points.
 
     editor: the `ControlPointEditor`, to be driven from Python as well. panels: by the way's name. study: the last
     comparison, None while the points are degenerate. Green is the part at the pose of PnP, orange what a way makes.
     Of PnP's two poses it is the one nearer to the last, so that a drag in small steps does not flip the part.
     """
+
+    still = "widget_explorer.png"
 
     def __init__(
         self, model: PreparedPart, camera: Camera, cam_T_obj: FloatArray, image: ByteImage | None = None

@@ -95,7 +95,7 @@ class PointCanvas(anywidget.AnyWidget):
     axes: two `Axis`, x and y, for a picture that is a map; () for one that is a picture.
     """
 
-    _esm = module_text("common.js", "canvas_axes.js", "canvas_scene.js", "point_canvas.js")
+    _esm = module_text("common.js", "canvas_axes.js", "canvas_scene.js", "point_canvas.js", "point_canvas_widget.js")
     _css = (STATIC / "widgets.css").read_text(encoding="utf-8")
 
     image = traitlets.Bytes().tag(sync=True)

@@ -27,6 +27,7 @@ from acp_lab.display.widgets.find_panel import FindPanel
 from acp_lab.display.widgets.first_guess import pose_in_the_middle, rotation_seeing
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, edge_strokes, residual_strokes
 from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.display.widgets.still import Still
 from acp_lab.errors import AcpLabError, GeometryError
 from acp_lab.generator.base import GeneratedEdges, project_samples
 from acp_lab.geometry.arrays import FloatArray
@@ -47,7 +48,7 @@ HINT = "drag the points, or the area between them, until the edges sit on the pa
 CLICK, DRAG = "click corners", "drag four points"
 
 
-class PoseAligner(ipywidgets.VBox):
+class PoseAligner(Still, ipywidgets.VBox):
     """Finds cam_T_obj in one frame by hand and snap.
 
     cam_T_obj: (4, 4) mm, the present pose; observe it, or assign it, and the points follow. snapped: the last
@@ -57,6 +58,8 @@ class PoseAligner(ipywidgets.VBox):
     the detector's hypotheses, `finder.find()`. All buttons are methods: `snap`, `save`, `turn`, `see_from`,
     `take_other_pose`, `solve_corners`. `load` goes on with the pose of an earlier day.
     """
+
+    still = "widget_aligner.png"
 
     cam_T_obj = traitlets.Any()
     snapped = traitlets.Any(None, allow_none=True)

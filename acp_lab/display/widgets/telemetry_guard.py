@@ -1,4 +1,4 @@
-"""A widget that keeps rerun's usage statistics at home while its viewer runs in the page.
+"""A widget that keeps rerun's viewer from the net while it runs in the page: no usage statistics, no news of versions.
 
 The native viewer has a switch for them (see commands/replay.py), the one inside a browser has none.
 """
@@ -11,6 +11,6 @@ from acp_lab.display.widgets.point_canvas import module_text
 
 
 class TelemetryGuard(anywidget.AnyWidget):
-    """Invisible; once it is displayed, requests of the page to rerun's statistics are answered without being sent."""
+    """Invisible; once it is displayed, requests of the page to rerun's hosts are answered without being sent."""
 
     _esm = module_text("telemetry_guard.js")

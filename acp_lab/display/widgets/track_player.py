@@ -12,9 +12,10 @@ from acp_lab.display.accuracy import AddPercent
 from acp_lab.display.look import GENERATED, IMAGE, POINTS, START, TRUTH
 from acp_lab.display.widgets.controls import row, side_by_side
 from acp_lab.display.widgets.curve_plot import Curve, CurvePlot, Mark
+from acp_lab.display.widgets.film_canvas import FilmCanvas, Picture
 from acp_lab.display.widgets.frame_shelf import FrameShelf
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, Overlay, residual_strokes
-from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.display.widgets.still import Still
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.protocol import Sequence
@@ -23,18 +24,20 @@ from acp_lab.tracking.session import TrackRun
 
 LOSS_ROW, QUALITY_ROW = "loss e(I)", "quality [0 to 1]"
 ADD_LIMITS = (2.0, 5.0)
-PLAY_MS = 50
+PLAY_MS = 40
 LARGEST_SHOWN_ADD = 20.0
 """Percent; a lost part would flatten the rest of the curve."""
 
 
-class TrackPlayer(ipywidgets.VBox):
+class TrackPlayer(Still, ipywidgets.VBox):
     """Plays, scrubs and steps a `TrackRun`.
 
     frame: which frame of the run is shown, counted from 0; it moves with all controls, and moves them when it is
     assigned, so another viewer can lead or follow it (`player.observe(..., "frame")`). object_id: whose results.
-    result: of that frame. canvas, curves: the parts.
+    result: of that frame; canvas.picture(): what is shown of it. canvas, curves: the parts.
     """
+
+    still = "widget_player.png"
 
     frame = traitlets.Int(0)
     object_id = traitlets.Int(1)
@@ -51,29 +54,25 @@ class TrackPlayer(ipywidgets.VBox):
         if chosen not in run.results:
             raise SequenceError(f"{run.name}: no object {chosen}: the run has {sorted(run.results)}")
         self.run, self.sequence = run, sequence
+        super().__init__(object_id=chosen)
         self._shelf = FrameShelf(sequence)
-        self.canvas = PointCanvas(closed=True, height_px=500)
-        self.curves = CurvePlot((), (), x_label="image id")
-        last = max(len(results) for results in run.results.values()) - 1
-        self.play = ipywidgets.Play(min=0, max=last, interval=PLAY_MS, show_repeat=True)
-        self.slider = ipywidgets.IntSlider(min=0, max=last, description="frame", layout=ipywidgets.Layout(flex="1"))
+        self._add_percent, self._metric = self._errors()
         self.follow = ipywidgets.Checkbox(False, description="follow the part", indent=False)
         self.follow.layout.width = "auto"
         names = {f"object {i}": i for i in run.results}
         self.object = ipywidgets.Dropdown(options=names, value=chosen, layout=ipywidgets.Layout(width="130px"))
         self.object.layout.display = None if len(names) > 1 else "none"
-        controls = row([self.play, self.slider, self.follow, self.object], gap="4px 12px")
-        left = ipywidgets.VBox([self.canvas, controls])
-        super().__init__([side_by_side((left, "3 1 420px"), (self.curves, "2 1 320px"))], object_id=chosen)
-        # Play and slider run in the browser; the kernel draws as many of their frames as it can.
-        ipywidgets.jslink((self.play, "value"), (self.slider, "value"))
-        for widget, trait in ((self.play, "value"), (self.slider, "value"), (self.curves, "cursor")):
-            traitlets.link((self, "frame"), (widget, trait))
+        self.curves = CurvePlot((), (), x_label="image id")
+        self._show_curves()
+        longest = max(len(results) for results in run.results.values())
+        self.canvas = FilmCanvas(self._picture, longest, closed=True, height_px=500, interval_ms=PLAY_MS)
+        left = ipywidgets.VBox([self.canvas, row([self.follow, self.object], gap="4px 12px")])
+        self.children = [side_by_side((left, "3 1 420px"), (self.curves, "2 1 320px"))]
+        traitlets.link((self, "frame"), (self.canvas, "frame"))
+        traitlets.link((self, "frame"), (self.curves, "cursor"))
         traitlets.link((self, "object_id"), (self.object, "value"))
-        self.follow.observe(lambda _: self._show_frame(), "value")
-        self.observe(lambda _: self._show_frame(), "frame")
+        self.follow.observe(lambda _: self.canvas.renew(), "value")
         self.observe(lambda _: self._show_object(), "object_id")
-        self._show_object()
 
     @property
     def results(self) -> tuple[TrackResult, ...]:
@@ -87,16 +86,26 @@ class TrackPlayer(ipywidgets.VBox):
 
     @traitlets.validate("frame")
     def _within(self, proposal: dict[str, Any]) -> int:
-        return int(np.clip(proposal["value"], 0, self.slider.max))
+        longest = max(len(results) for results in self.run.results.values())
+        return int(np.clip(proposal["value"], 0, longest - 1))
 
     def _show_object(self) -> None:
-        results, part = self.results, self.run.parts.get(self.object_id)
-        error = AddPercent(part) if part is not None else None
-        self._metric = error.metric if error else ""
-        truths = [self.sequence.truth(result.frame_id, self.object_id) for result in results]
-        self._add_percent = np.array(
-            [error(r.cam_T_obj, truth) if error else np.nan for r, truth in zip(results, truths, strict=True)]
-        )
+        self._add_percent, self._metric = self._errors()
+        self._show_curves()
+        self.canvas.renew()
+
+    def _errors(self) -> tuple[FloatArray, str]:
+        """ADD or ADD-S in percent of the diameter, NaN where nobody knows, and its name."""
+        part = self.run.parts.get(self.object_id)
+        if part is None:
+            return np.full(len(self.results), np.nan), ""
+        error = AddPercent(part)
+        truths = [self.sequence.truth(result.frame_id, self.object_id) for result in self.results]
+        percent = [error(r.cam_T_obj, truth) for r, truth in zip(self.results, truths, strict=True)]
+        return np.array(percent), error.metric
+
+    def _show_curves(self) -> None:
+        results = self.results
         curves = [
             Curve(np.array([result.loss for result in results]), GENERATED, LOSS_ROW),
             Curve(np.array([result.quality for result in results]), TRUTH, QUALITY_ROW),
@@ -111,26 +120,25 @@ class TrackPlayer(ipywidgets.VBox):
         with self.curves.hold_sync():
             self.curves.x = tuple(float(result.frame_id) for result in results)
             self.curves.marks, self.curves.curves = marks, tuple(curves)
-        self._show_frame()
 
-    def _show_frame(self) -> None:
-        result = self.result
+    def _picture(self, frame: int) -> Picture:
+        number = min(frame, len(self.results) - 1)
+        result = self.results[number]
         shelved = self._shelf(result.frame_id)
-        with self.canvas.hold_sync():
-            self.canvas.title = f"{self.run.name}, image {result.frame_id}"
-            if shelved.content:
-                self.canvas.image_size = shelved.size
-            self.canvas.image = shelved.content
-            self.canvas.points = result.control_points if np.isfinite(result.control_points).all() else ()
-            self.canvas.draw(result_overlays(result))
-            self.canvas.view = _view_of(result) if self.follow.value else ()
-            self.canvas.status = shelved.note or self._told(result)
+        return Picture(
+            image=shelved.content,
+            image_size=shelved.size,
+            title=f"{self.run.name}, image {result.frame_id}",
+            status=shelved.note or self._told(result, self._add_percent[number]),
+            points=result.control_points if np.isfinite(result.control_points).all() else (),
+            overlays=result_overlays(result),
+            view=_view_of(result) if self.follow.value else (),
+        )
 
-    def _told(self, result: TrackResult) -> str:
+    def _told(self, result: TrackResult, add_percent: float) -> str:
         words = [str(result.state), f"quality {result.quality:.2f}", f"{1e3 * result.timings.total_s:.1f} ms"]
-        add = self._add_percent[min(self.frame, len(self.results) - 1)]
-        if np.isfinite(add):
-            words.insert(1, f"{self._metric} {add:.2f} %")
+        if np.isfinite(add_percent):
+            words.insert(1, f"{self._metric} {add_percent:.2f} %")
         return ", ".join([*words, result.note] if result.note else words)
 
 

@@ -112,7 +112,6 @@ class Scene {
 
   showOverlays() {
     this.overlays.replaceChildren();
-    this.legend.replaceChildren();
     const named = new Map();
     for (const overlay of this.model.get("overlays")) {
       const hidden = this.hidden.has(overlay.label);
@@ -121,6 +120,15 @@ class Scene {
       path.style.strokeWidth = overlay.width_px;
       if (overlay.label && !named.has(overlay.label)) named.set(overlay.label, overlay.colour);
     }
+    this.showLegend(named);
+  }
+
+  showLegend(named) {
+    // In a film it is nearly always the same: building it anew would lay out the page anew.
+    const told = JSON.stringify([[...named], [...this.hidden]]);
+    if (told === this.legendTold) return;
+    this.legendTold = told;
+    this.legend.replaceChildren();
     for (const [label, colour] of named) {
       const item = html("button", "acp-legend-item", this.legend);
       item.type = "button";

@@ -7,6 +7,11 @@ const ICONS = {
   "zoom out": "M3 7h8",
   "show all": "M2 5V2h3M9 2h3v3M12 9v3H9M5 12H2V9",
   undo: "M5 3L2 6l3 3M2 6h6a3 3 0 0 1 0 6H5",
+  play: "M4 2l8 5-8 5Z",
+  pause: "M4 2v10M10 2v10",
+  "step back": "M10 2L4 7l6 5Z",
+  "step forward": "M4 2l6 5-6 5Z",
+  repeat: "M3 5h7a2 2 0 0 1 0 5H3M5 3L3 5l2 2",
   reset: "M12 7a5 5 0 1 1-1.5-3.5M11 1v3H8",
 };
 
@@ -21,7 +26,7 @@ function html(tag, className, parent, text = "") {
   const node = document.createElement(tag);
   node.className = className;
   node.textContent = text;
-  parent.appendChild(node);
+  parent?.appendChild(node);
   return node;
 }
 

@@ -203,10 +203,3 @@ class PointCanvas extends Scene {
     event.stopPropagation();
   }
 }
-
-export default {
-  render({ model, el }) {
-    const canvas = new PointCanvas(model, el);
-    return () => canvas.destroy();
-  },
-};

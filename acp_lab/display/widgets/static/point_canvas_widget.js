@@ -1,0 +1,6 @@
+export default {
+  render({ model, el }) {
+    const canvas = new PointCanvas(model, el);
+    return () => canvas.destroy();
+  },
+};

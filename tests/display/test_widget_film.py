@@ -1,0 +1,70 @@
+"""A film: the browser asks for pictures and says where it is; here the kernel's answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acp_lab.display.widgets.film_canvas import FilmCanvas, Picture
+from acp_lab.display.widgets.overlay import Overlay
+from acp_lab.errors import SequenceError
+
+
+def picture_of(frame: int) -> Picture:
+    if frame == 2:
+        raise SequenceError("frame 2: torn")
+    dots = Overlay("dots", np.full((frame + 1, 2), 7.0), (1.0, 0.0, 0.0), "dots")
+    return Picture(bytes([frame]), (20, 10), f"frame {frame}", "", np.full((4, 2), frame), (dots,))
+
+
+@pytest.fixture
+def sent(monkeypatch: pytest.MonkeyPatch) -> list[tuple[dict[str, Any], list[bytes]]]:
+    messages: list[tuple[dict[str, Any], list[bytes]]] = []
+    monkeypatch.setattr(FilmCanvas, "send", lambda self, content, buffers=None: messages.append((content, buffers)))
+    return messages
+
+
+def test_pictures_are_sent_when_they_are_asked_for(sent: list[tuple[dict[str, Any], list[bytes]]]) -> None:
+    film = FilmCanvas(picture_of, 5)
+    assert sent == []
+    assert (film.image, film.title, film.image_size) == (b"\0", "frame 0", (20, 10))
+    film._hear(None, {"kind": "want", "frames": [1, 3], "edition": film.edition}, [])
+    assert [content["frame"] for content, _ in sent] == [1, 3]
+    content, (image, dots) = sent[1]
+    assert image == b"\3"
+    np.testing.assert_allclose(np.frombuffer(dots, np.float32), np.full(8, 7.0))
+    assert content["points"] == [[3.0, 3.0]] * 4
+    assert content["overlays"][0]["label"] == "dots"
+
+
+def test_what_was_asked_for_before_everything_changed_is_not_sent(
+    sent: list[tuple[dict[str, Any], list[bytes]]],
+) -> None:
+    film = FilmCanvas(picture_of, 5)
+    before = film.edition
+    film.renew()
+    film._hear(None, {"kind": "want", "frames": [1], "edition": before}, [])
+    assert sent == []
+
+
+def test_a_picture_that_cannot_be_made_says_why(sent: list[tuple[dict[str, Any], list[bytes]]]) -> None:
+    film = FilmCanvas(picture_of, 5)
+    film._hear(None, {"kind": "want", "frames": [2], "edition": film.edition}, [])
+    ((content, buffers),) = sent
+    assert content["status"] == "frame 2: torn"
+    assert content["image_size"] == (20, 10), "the stage keeps its shape"
+    assert buffers == [b""]
+
+
+def test_the_kernel_moves_the_film_and_only_hears_where_the_hand_moved_it() -> None:
+    film = FilmCanvas(picture_of, 5)
+    times, _ = film.seek
+    film.frame = 4
+    assert film.seek == (times + 1, 4)
+    film._hear(None, {"kind": "at", "frame": 1}, [])
+    assert film.frame == 1
+    assert film.seek == (times + 1, 4), "a film that plays is not thrown back to where it was"
+    film.frame = 99
+    assert film.frame == 4
