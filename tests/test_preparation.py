@@ -280,6 +280,9 @@ def test_control_points_and_auto_encoders(tmp_path: Path) -> None:
     painted = info["generators"]["autoencoder"]
     assert [region["region"] for region in painted["regions"]] == [1, 4]
     assert set(painted["held_out_chamfer_px"]) == {"generated_to_true", "true_to_generated"}
+    # What has learnt next to nothing shows no pose.
+    assert [region["bias_percent"] for region in painted["regions"]] == [None, None]
+    assert painted["pose_bias_percent"] is None
     # Outlines are painted where broken edges show them.
     assert f"'outline_inset_mm': {0.6 * DEFAULT_EDGE_BREAK_MM}" in painted["training"]
     with pytest.raises(PreparationError, match="no generator is prepared"):

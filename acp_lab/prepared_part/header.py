@@ -81,6 +81,7 @@ def _generators(model: PreparedPart) -> dict[str, Any]:
                 "true_to_generated": _mean(report.generated.true_to_generated_px for report in painted),
             },
             "held_out_f_score": _mean(report.generated.f_score for report in painted),
+            "pose_bias_percent": _mean_known(report.bias_percent for report in painted),
             "regions": [asdict(report) for report in painted],
         }
     return generators
@@ -137,6 +138,11 @@ def sha256_of(mesh: Path, fix: str) -> str:
     except InputFileError as error:
         reason = str(error).removeprefix(f"{mesh}: ")
         raise PreparationError(f"{mesh}: the mesh cannot be read ({reason}); {fix}") from None
+
+
+def _mean_known(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return _mean(known) if known else None
 
 
 def _mean(values: Iterable[float]) -> float:

@@ -145,7 +145,7 @@ def score_rigid(name: str, generator: RigidGenerator, part: Part, views: Sequenc
         seen, frame = generator.edges.take(found.sample_ids), view.edges.frame
         half = 0.5 * generator.edges.spacing_mm * seen.tangents_obj
         first, last = (frame.project(seen.points_obj + side * half) for side in (-1.0, 1.0))
-        return points_along(EdgeView(frame, np.stack([first, last], 1)), np.eye(3))
+        return points_along(EdgeView(frame, np.stack([first, last], 1), seen.points_obj), np.eye(3))
 
     return _score(name, views, ask, lines)
 

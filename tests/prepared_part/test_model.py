@@ -33,6 +33,7 @@ from acp_lab.prepared_part import (
     RegionReport,
     Trained,
     part_folder,
+    read_header,
 )
 from acp_lab.prepared_part.integrity import write_header
 from tests.made_parts import box, bracket, looking_at
@@ -75,7 +76,7 @@ def autoencoder(seed: int) -> RegionAutoencoder:
 def painted(model: PreparedPart) -> PreparedPart:
     """The same part with the paper's generator for regions 1 and 3."""
     quality = GenerationQuality(0.5, 0.7, 0.8)
-    report = AutoencoderReport(1, quality, quality, quality, 0.1, 0.2, 0.3, 0.4, 5.0)
+    report = AutoencoderReport(1, quality, quality, quality, 0.1, 0.2, 0.3, 0.4, 5.0, 0.25)
     return replace(
         model,
         regressed_points=Trained(
@@ -84,7 +85,9 @@ def painted(model: PreparedPart) -> PreparedPart:
             "steps=3",
         ),
         autoencoders=Trained(
-            {region: autoencoder(region) for region in (1, 3)}, {1: report, 3: replace(report, region=3)}, "views=4"
+            {region: autoencoder(region) for region in (1, 3)},
+            {1: report, 3: replace(report, region=3, bias_percent=None)},
+            "views=4",
         ),
     )
 
@@ -243,6 +246,8 @@ def test_the_papers_generator_comes_back(model: PreparedPart, tmp_path: Path) ->
     assert (back.regressed_points.settings, back.autoencoders.settings) == ("steps=3", "views=4")
     assert back.regressed_points.reports == made.regressed_points.reports
     assert back.autoencoders.reports == made.autoencoders.reports
+    told = read_header(tmp_path / "bracket", "")["generators"]["autoencoder"]
+    assert told["pose_bias_percent"] == 0.25, "of the region whose bias is known"
     for region in (1, 3):
         np.testing.assert_array_equal(back.control_points(region, "regressed"), np.full((4, 3), float(region)))
         for name, value in made.autoencoders[region].arrays().items():

@@ -78,6 +78,8 @@ class AutoencoderReport:
         autoencoder_loss, latent_loss, fine_tune_loss, second_loss: means over each stage's last epoch; 0 for a stage
             that is switched off.
         train_s: wall seconds, in all runs together.
+        bias_percent: ADD of the pose that a painting shows, % of the diameter, the median over held-out views
+            (`pose_bias`); None of parts of earlier versions and of edges without 3D points.
     """
 
     region: int
@@ -89,6 +91,7 @@ class AutoencoderReport:
     fine_tune_loss: float
     second_loss: float
     train_s: float
+    bias_percent: float | None = None
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> AutoencoderReport:

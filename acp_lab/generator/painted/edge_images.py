@@ -16,7 +16,7 @@ Convention: canonical px, (0, 0) is the centre of the top-left pixel; images are
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -91,16 +91,25 @@ class EdgeView:
     Attributes:
         frame: the canonical frame; it projects any control points W.
         strokes: (n, 2, 2) canonical px, both ends of the short piece of edge that each sample stands for.
+        points_obj: (n, 3) mm, these samples; NaN of edges that were found in a picture.
     """
 
     frame: CanonicalFrame
     strokes: FloatArray
+    points_obj: FloatArray
 
 
 def make_edge_views(
     part: Part, caster: RayCaster, region: ViewRegion, config: EdgeImageConfig, count: int, seed: int
 ) -> list[EdgeView]:
-    """`count` views of a region, directions even over it and distances even in 1/distance.
+    """`count` views of a region, see `edge_views`."""
+    return list(edge_views(part, caster, region, config, count, seed))
+
+
+def edge_views(
+    part: Part, caster: RayCaster, region: ViewRegion, config: EdgeImageConfig, count: int, seed: int
+) -> Iterator[EdgeView]:
+    """`count` views of a region one by one, directions even over it and distances even in 1/distance.
 
     Raises:
         PreparationError: an unknown source of edges.
@@ -114,15 +123,13 @@ def make_edge_views(
     # The samples that trackers use thin smooth edges out; a picture of them would have gaps.
     spacing = part.diameter / (POINTS_PER_DIAMETER_128 * config.size / CANONICAL_SIZE)
     edges = sample_edges(part, spacing, max_smooth_samples=MOST_SMOOTH_SAMPLES)
-    views = []
     for direction, near in zip(directions, nearness, strict=True):
         eye_obj = part.box_centre + part.diameter / near * direction
         frame = canonical_frame(eye_obj, part.box_centre, part.radius, region, config.size)
         if config.source == "analytic":
-            views.append(analytic_view(part, edges, caster, eye_obj, frame, config.outline_inset_mm))
+            yield analytic_view(part, edges, caster, eye_obj, frame, config.outline_inset_mm)
         else:
-            views.append(canny_view(part, caster, frame, config.oversampling))
-    return views
+            yield canny_view(part, caster, frame, config.oversampling)
 
 
 def analytic_view(
@@ -143,7 +150,7 @@ def analytic_view(
     if outline_inset_mm != 0.0:
         shift = np.where(turned.outline[rows, None], outline_inset_mm, 0.0) * _inwards(seen, first, last, frame)
         first, last = first + shift, last + shift
-    return EdgeView(frame, np.stack([first, last], 1))
+    return EdgeView(frame, np.stack([first, last], 1), seen.points_obj)
 
 
 def _inwards(seen: EdgeSamples, first: FloatArray, last: FloatArray, frame: CanonicalFrame) -> FloatArray:
@@ -170,7 +177,7 @@ def canny_view(part: Part, caster: RayCaster, frame: CanonicalFrame, oversamplin
     picture[~normals.any(2)] = (0, 0, 255)
     rows, columns = np.nonzero(cv2.Canny(picture, CANNY_LOW, CANNY_HIGH, L2gradient=True))
     points = (np.column_stack([columns, rows]) + 0.5) / oversampling - 0.5
-    return EdgeView(frame, np.stack([points, points], 1))
+    return EdgeView(frame, np.stack([points, points], 1), np.full((len(points), 3), np.nan))
 
 
 def jitter_homographies(

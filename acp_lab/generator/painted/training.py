@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -31,15 +32,17 @@ from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.painted.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
 from acp_lab.generator.painted.checkpoint import Checkpoint, load_checkpoint
 from acp_lab.generator.painted.config import AutoencoderConfig, AutoencoderReport
+from acp_lab.generator.painted.edge_points import ridge
 from acp_lab.generator.painted.half_batches import halves_gradient, two_threads
 from acp_lab.generator.painted.image_generator import POINT_SETS, AutoencoderGenerator, PointSet, RegionAutoencoder
 from acp_lab.generator.painted.latent_regressor import LatentRegressor
 from acp_lab.generator.painted.orthogonal_steps import OrthogonalSteps
+from acp_lab.generator.painted.pose_bias import pose_bias
 from acp_lab.generator.painted.quality import comparison_grid, generation_quality
 from acp_lab.generator.painted.training_set import Batch, Jittered, TrainingSet, edges_of
 from acp_lab.generator.painted.watch import STAGE_NAMES, Watch, WatchedEpoch
 from acp_lab.generator.training_loop import LossGradient, Training
-from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
 
 Progress = Callable[[int, int], None]
 
@@ -129,7 +132,7 @@ class _RegionTraining:
     ) -> None:
         self._device = device
         self._begin = time.perf_counter()
-        self._region, self._path = region.index, checkpoint
+        self._part, self._region, self._path = part, region.index, checkpoint
         w_obj = [points_obj[name].tolist() for name in POINT_SETS]
         marks = (_METHOD, config, seed, region.index, part.sha256, w_obj, device.type)
         self._belongs_to = hashlib.sha256(repr(marks).encode()).hexdigest()
@@ -274,10 +277,18 @@ class _RegionTraining:
             fine_tune_loss,
             second_loss,
             self._seconds(),
+            self._bias_percent(generated["regressed"]),
         )
         drawn = data.images(held_out[:GRID_ROWS])
         grid = comparison_grid([drawn, reconstructed[:GRID_ROWS], generated["regressed"][:GRID_ROWS]])
         return TrainedRegion(stored, report, grid)
+
+    def _bias_percent(self, generated: Float32Array) -> float | None:
+        views = [view for view, _ in self._data.held_out()]
+        if self._frame == "prediction" or np.isnan(views[0].points_obj).any():
+            return None
+        shares = [pose_bias(ridge(image), view, self._part) for image, view in zip(generated, views, strict=True)]
+        return None if np.isnan(shares).all() else 100.0 * float(np.nanmedian(shares))
 
     def _seconds(self) -> float:
         return self._earlier_s + time.perf_counter() - self._begin

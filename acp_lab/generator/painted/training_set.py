@@ -1,16 +1,17 @@
 """What the edge image generator of one region is trained on: views, cameras, drawn images, control points.
 
 Every epoch shows each view once. Where the canonical frame stands at the pose itself, by the same camera, so that its
-image is drawn only once; where it stands at a prediction, by a freshly jittered one. All random choices of an epoch
-come from (seed, region, stage, epoch), so that a training that is resumed from its checkpoint ends in the same numbers
-as one in one go.
+image is drawn only once and its edges need not be kept; where it stands at a prediction, by a freshly jittered one.
+All random choices of an epoch come from (seed, region, stage, epoch), so that a training that is resumed from its
+checkpoint ends in the same numbers as one in one go.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 import torch
@@ -23,8 +24,8 @@ from acp_lab.generator.painted.edge_images import (
     EdgeImageConfig,
     EdgeView,
     draw_views,
+    edge_views,
     jitter_homographies,
-    make_edge_views,
     true_points,
 )
 from acp_lab.generator.painted.image_generator import PointSet
@@ -70,12 +71,12 @@ class TrainingSet:
     ) -> None:
         self.points_obj = points_obj
         self._config, self._batch, self._seed, self._region = config, batch, seed, region.index
-        views = make_edge_views(part, caster, region, config, config.views + config.held_out, seed)
-        self._views, held_out = views[: config.views], views[config.views :]
-        self.batches_per_epoch = math.ceil(len(self._views) / batch)
-        self._held_out = self._jitter(held_out, self._rng(_FOR_HELD_OUT, 0))
         # By the identity of a view, which lives as long as its set; filled where a view is always seen the same.
-        self._drawn: dict[int, Float32Array] = {}
+        self._drawn: dict[int, np.ndarray] = {}
+        views = edge_views(part, caster, region, config, config.views + config.held_out, seed)
+        self._views = [self._kept(view) for view in islice(views, config.views)]
+        self._held_out = self._jitter(list(views), self._rng(_FOR_HELD_OUT, 0))
+        self.batches_per_epoch = math.ceil(len(self._views) / batch)
 
     def batches(self, stage: int, epoch: int) -> Iterator[list[Jittered]]:
         """The batches of an epoch (0-based): every view once, each by a camera of its own if cameras are jittered."""
@@ -102,11 +103,7 @@ class TrainingSet:
         """(b, size, size) edge images of the views."""
         if self._config.frame == "prediction":
             return draw_views(*_apart(jittered), self._config.line_sigma_px)
-        new = [one for one in jittered if id(one[0]) not in self._drawn]
-        if new:
-            images = draw_views(*_apart(new), self._config.line_sigma_px)
-            self._drawn.update({id(view): image for (view, _), image in zip(new, images, strict=True)})
-        return np.stack([self._drawn[id(view)] for view, _ in jittered])
+        return np.stack([self._image(view) for view, _ in jittered])
 
     def control_points(self, jittered: Sequence[Jittered]) -> dict[PointSet, Float32Array]:
         """(b, 8) by W: the control points that the jittered cameras see, canonical px."""
@@ -117,8 +114,23 @@ class TrainingSet:
             for name, points in self.points_obj.items()
         }
 
+    def _kept(self, view: EdgeView) -> EdgeView:
+        """What is kept of a training view: some thousand of them with all their edges would fill the memory."""
+        if self._config.frame == "prediction":
+            return replace(view, points_obj=np.empty((0, 3)))
+        light = replace(view, strokes=np.empty((0, 2, 2)), points_obj=np.empty((0, 3)))
+        self._drawn[id(light)] = self._draw(view).astype(np.float16)
+        return light
+
+    def _image(self, view: EdgeView) -> Float32Array:
+        drawn = self._drawn.get(id(view))
+        return self._draw(view) if drawn is None else drawn.astype(np.float32)
+
+    def _draw(self, view: EdgeView) -> Float32Array:
+        return draw_views([view], np.eye(3)[None], self._config.line_sigma_px)[0]
+
     def _jitter(self, views: list[EdgeView], rng: np.random.Generator) -> list[Jittered]:
-        if self._config.frame == "pose":
+        if self._config.frame != "prediction":
             return [(view, np.eye(3)) for view in views]
         homographies = jitter_homographies([view.frame for view in views], self._config, rng)
         return list(zip(views, homographies, strict=True))

@@ -207,6 +207,6 @@ def test_true_points_follow_the_drawn_picture(part: Part, caster: RayCaster, rng
 def test_points_near_the_border_are_left_out() -> None:
     _, frame = frame_at(PART, (0.1, 0.2, 1.0), 4.0)
     at = np.array([[1.0, 50.0], [2.0, 50.0], [64.0, 126.5], [64.0, 125.0]])
-    view = EdgeView(frame, np.stack([at, at], 1))
+    view = EdgeView(frame, np.stack([at, at], 1), np.full((len(at), 3), np.nan))
     assert len(true_points(view, np.eye(3))) == 6
     np.testing.assert_array_equal(moved_strokes(view, np.eye(3)), view.strokes)
