@@ -1,9 +1,10 @@
 """From the paper's path as it is printed to `acp-paper`, one deviation at a time, and how well its generators paint.
 
-Every step is on the ridges of the painted edge image but "exact edges", which has the visibility network's in their
-place, in the same view regions. Steps before "frame at the pose" need auto-encoders of a frame at the prediction, of
-the same length of training. From truth, no resets, the first frame left out, one thread. The bias of a painting is
-that of the pose which fits it best at the true pose (`acp_lab.studies.painting_bias`).
+Every step is on the ridges of the painted edge image but two: "true images" has the ridges of the images that the
+network should have painted, "exact edges" the visibility network's edges, in the same view regions. Steps before
+"frame at the pose" need auto-encoders of a frame at the prediction, of the same length of training. From truth, no
+resets, the first frame left out, one thread. The bias of a painting is that of the pose which fits it best at the true
+pose (`acp_lab.studies.painting_bias`). `--causes` runs the last step and these two alone, forwards and backwards.
 
 Example: python -m benchmarks.deviations path/to/dataset/test/000001... --parts out/parts --literal-parts out/literal
 (prepared before: acp-lab prepare MESH --out out/parts/DATASET, again with --generator autoencoder, and
@@ -16,9 +17,9 @@ import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from acp_lab.commands import machine
 
@@ -31,10 +32,10 @@ if TYPE_CHECKING:
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopScene
     from acp_lab.sequences.frame import Frame, UnreadableFrame
-    from acp_lab.sequences.protocol import Sequence
     from acp_lab.tracking.method import Method
 
 LIMITS = {"@2": 0.02, "@5": 0.05, "@10": 0.10}
+CAUSES = ("+ annealed alpha", "true images", "exact edges")
 LITERAL_STEPS = ("literal", "+ residual homography", "without frame at the pose")
 UNITS = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter, mean over sequences",
@@ -60,6 +61,7 @@ def steps() -> dict[str, Method]:
         "without residual homography": replace(paper, variables=replace(paper.variables, residual="generated")),
         "without frame at the pose": replace(paper, source=literal.source),
         "without orientation bins": replace(paper, targets=literal.targets),
+        "true images": paper,
         "exact edges": replace(paper, source=CadSamples("learned", inset_outlines=True)),
     }
     return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
@@ -89,16 +91,20 @@ class Run:
     ms: float
 
 
-def track(decoded: DecodedScene, model: PreparedPart, step: str, method: Method) -> Run:
-    """One run."""
-    from acp_lab.evaluation import evaluate
+def track(decoded: DecodedScene, model: PreparedPart, step: str, method: Method, backwards: bool = False) -> Run:
+    """One run, from the truth of the first frame, or of the last one."""
+    from acp_lab.evaluation import PartMetric
     from acp_lab.tracking.tracker import Tracker
 
+    metric, object_id = PartMetric(model.part), decoded.object_ids[0]
+    first, *others = list(decoded.frames())[:: -1 if backwards else 1]
     tracker = Tracker(model, method)
     begin = time.process_time()
-    run = tracker.run(cast("Sequence", decoded), decoded.first_pose)
+    tracker.start(first, decoded.truth(first.index, object_id))
+    poses = [tracker.track(frame).cam_T_obj for frame in others]
     ms = 1e3 * (time.process_time() - begin) / len(decoded.frame_ids)
-    errors = np.array(evaluate(run, decoded.scene).objects[0].errors.distance, float)
+    true = [decoded.truth(frame.index, object_id) for frame in others]
+    errors = np.array([metric.share(*pair) for pair in zip(poses, true, strict=True)])
     return Run(name_of(decoded.scene), step, {key: float((errors < limit).mean()) for key, limit in LIMITS.items()}, ms)
 
 
@@ -166,18 +172,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="+", type=Path, help="scene folders of BOP data sets")
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
-    parser.add_argument("--literal-parts", type=Path, required=True, help="the same for a frame at the prediction")
+    parser.add_argument("--literal-parts", type=Path, help="the same for a frame at the prediction")
+    parser.add_argument("--causes", action="store_true", help="painted ridges, true images and exact edges only")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     from acp_lab.sequences import open_sequence
+    from acp_lab.studies.perfect_painter import perfectly_painted
 
+    if options.literal_parts is None and not options.causes:
+        parser.error("give --literal-parts, or --causes, which needs none")
     runs, painted = list[Run](), {}
     for folder in options.scenes:
         decoded = DecodedScene(open_sequence(folder))
-        model, literal = load(options.parts, decoded.scene), load(options.literal_parts, decoded.scene)
+        model = load(options.parts, decoded.scene)
+        by_step = {
+            "true images": perfectly_painted(model, model.autoencoder().regions),
+            "exact edges": of_painted_regions(model),
+        }
+        if options.causes:
+            for step, backwards in product(CAUSES, (False, True)):
+                runs.append(track(decoded, by_step.get(step, model), step, steps()[step], backwards))
+                print(runs[-1], flush=True)
+            continue
+        literal = load(options.literal_parts, decoded.scene)
+        by_step |= dict.fromkeys(LITERAL_STEPS, literal)
         for step, method in steps().items():
-            used = literal if step in LITERAL_STEPS else of_painted_regions(model) if step == "exact edges" else model
-            runs.append(track(decoded, used, step, method))
+            runs.append(track(decoded, by_step.get(step, model), step, method))
             print(runs[-1], flush=True)
         name = name_of(decoded.scene)
         painted[name] = painting(decoded, model)
@@ -186,19 +206,45 @@ def main() -> None:
     rows = mean_rows(runs)
     for step, row in rows.items():
         print(f"| {step} | " + " | ".join(f"{value:.2f}" for value in row.values()) + " |")
-    if options.record:
-        from benchmarks.measured import record
+    if options.record and options.causes:
+        record_causes(runs, rows)
+    elif options.record:
+        record_path(runs, rows, painted)
 
-        data = ", ".join(dict.fromkeys(run.sequence for run in runs))
-        record("deviations", "acp-paper-literal to acp-paper, cumulative, from truth, no resets", UNITS, data, rows)
-        each = {f"{run.sequence}: {run.step}": run.shares for run in runs}
-        record("deviations.each", "the same, each sequence", {"@*": UNITS["@*"].split(",")[0]}, data, each)
-        unit = {
-            "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
-            "f_score": "at one canonical px, held-out views",
-            "bias_percent": "ADD of the pose fitted to what is painted at the true pose, % of the diameter, median",
-        }
-        record("painting", "the auto-encoders of the parts of these sequences", unit, data, painted)
+
+def record_causes(runs: list[Run], rows: dict[str, dict[str, float]]) -> None:
+    """Into docs/measured.json, each sequence as the mean of its two orders."""
+    from benchmarks.measured import record
+
+    names = list(dict.fromkeys(run.sequence for run in runs))
+    about = (
+        "acp-paper on painted ridges, on those of true images and on exact edges; from truth, forwards and backwards"
+    )
+    record("deviations.causes", about, UNITS, ", ".join(names), rows)
+    each = {
+        f"{name}: {step}": {k: v for k, v in row.items() if k != "ms"}
+        for name in names
+        for step, row in mean_rows([run for run in runs if run.sequence == name]).items()
+    }
+    record(
+        "deviations.causes.each", "the same, each sequence", {"@*": UNITS["@*"].split(",")[0]}, ", ".join(names), each
+    )
+
+
+def record_path(runs: list[Run], rows: dict[str, dict[str, float]], painted: dict[str, dict[str, float]]) -> None:
+    """Into docs/measured.json."""
+    from benchmarks.measured import record
+
+    data = ", ".join(dict.fromkeys(run.sequence for run in runs))
+    record("deviations", "acp-paper-literal to acp-paper, cumulative, from truth, no resets", UNITS, data, rows)
+    each = {f"{run.sequence}: {run.step}": run.shares for run in runs}
+    record("deviations.each", "the same, each sequence", {"@*": UNITS["@*"].split(",")[0]}, data, each)
+    unit = {
+        "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
+        "f_score": "at one canonical px, held-out views",
+        "bias_percent": "ADD of the pose fitted to what is painted at the true pose, % of the diameter, median",
+    }
+    record("painting", "the auto-encoders of the parts of these sequences", unit, data, painted)
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def _gaps(points: FloatArray, lines: FloatArray) -> tuple[FloatArray, FloatArray
 
 def _robust_step(jacobian: FloatArray, off_px: FloatArray) -> FloatArray:
     """(6,) rad and mm; Geman-McClure, as a tracker's loss is, by the square root of its weights."""
-    step = np.zeros(6)
+    step: FloatArray = np.zeros(6)
     for _ in range(_FITS):
         weights = 1.0 / (1.0 + ((off_px - jacobian @ step) / SCALE_PX) ** 2)
         step = np.linalg.lstsq(weights[:, None] * jacobian, weights * off_px, rcond=None)[0]

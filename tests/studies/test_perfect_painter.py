@@ -1,0 +1,61 @@
+"""A painter without errors: its ridges lie on the edges that the part shows, hidden ones left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.studies.painting_bias import PaintingBench
+from acp_lab.studies.perfect_painter import PerfectlyPainted, perfectly_painted
+from acp_lab.tracking.method import METHODS
+from acp_lab.tracking.sources.residual import ResidualHomography
+from tests.made_parts import bracket, looking_at
+from tests.tracking.lit_part import lit_part
+from tests.tracking.rendered import CAMERA, prepared
+
+REGION = 4
+
+
+@pytest.fixture(scope="module")
+def model() -> PreparedPart:
+    made = prepared(bracket())
+    return replace(made, regressed_points=lit_part(made, (REGION,)).regressed_points)
+
+
+@pytest.fixture(scope="module")
+def painted(model: PreparedPart) -> PerfectlyPainted:
+    return perfectly_painted(model, (REGION,))
+
+
+def test_its_ridges_show_the_true_pose(painted: PerfectlyPainted) -> None:
+    """Also of a part with edges that the part itself hides."""
+    pose = looking_at(painted.part, np.array([0.4, 0.3, 1.0]), 330.0, 0.3)
+    found = PaintingBench(painted).bias(CAMERA, pose)
+    assert len(found.edges) > 150
+    assert found.add_share < 0.004
+    assert found.mean_off_px < 0.25
+    assert np.isnan(found.off_px).mean() < 0.1
+
+
+def test_it_paints_what_the_control_points_say(painted: PerfectlyPainted) -> None:
+    """Not what was seen before: edges of another pose are those of that pose."""
+    pose = looking_at(painted.part, np.array([0.4, 0.3, 1.0]), 330.0, 0.3)
+    other = move_pose(pose, painted.part.box_centre, np.array([0.1, -0.15, 0.2, 2.0, 1.0, 40.0]))
+    bench = PaintingBench(painted)
+    for at in (pose, other):
+        assert bench.bias(CAMERA, at).add_share < 0.004
+    shift = transform(other, painted.part.box_centre) - transform(pose, painted.part.box_centre)
+    assert np.linalg.norm(shift) == pytest.approx(np.linalg.norm([2.0, 1.0, 40.0]))
+
+
+def test_a_painting_method_takes_it(painted: PerfectlyPainted) -> None:
+    source = METHODS["acp-paper"].open_source(painted)
+    assert isinstance(source, ResidualHomography)
+    assert source.regions == (REGION,)
+    with pytest.raises(AssertionError):
+        METHODS["acp-paper-literal"].open_source(painted)
