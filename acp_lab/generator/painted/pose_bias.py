@@ -68,5 +68,6 @@ def _robust_step(jacobian: FloatArray, off_px: FloatArray) -> FloatArray:
     step: FloatArray = np.zeros(6)
     for _ in range(_FITS):
         weights = 1.0 / (1.0 + ((off_px - jacobian @ step) / SCALE_PX) ** 2)
-        step = np.linalg.lstsq(weights[:, None] * jacobian, weights * off_px, rcond=None)[0]
+        solved = np.linalg.lstsq(weights[:, None] * jacobian, weights * off_px, rcond=None)[0]
+        step = np.asarray(solved, np.float64)
     return step
