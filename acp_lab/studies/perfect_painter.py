@@ -30,7 +30,7 @@ from acp_lab.generator.painted.image_generator import POINT_SETS, PointSet
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 from acp_lab.prepared_part import PreparedPart
 
-# Where the search for an eye begins, diameters off; it is convex enough to end at the same eye from anywhere.
+# Where the search for an eye begins, diameters off, on the region's axis.
 _START = 4.0
 
 
@@ -68,9 +68,17 @@ class PerfectPainter:
     def _eye(self, points: FloatArray, region: int, point_set: PointSet) -> FloatArray:
         part, view = self._part, ALL_REGIONS[region]
         w_obj = self._points_obj[region, point_set]
-        start = part.box_centre + _START * part.diameter * view.sign * np.eye(3)[view.axis]
-        found = least_squares(lambda eye: (self._frame(eye, region).project(w_obj) - points).ravel(), start)
-        return np.asarray(found.x, np.float64)
+        towards, *aside = np.roll(np.eye(3), -view.axis, axis=0)
+
+        def eye_obj(x: FloatArray) -> FloatArray:
+            """Two slopes off the region's axis, and the logarithm of the way from the bounding sphere, outside it."""
+            direction = view.sign * towards + x[0] * aside[0] + x[1] * aside[1]
+            distance = part.radius + np.exp(x[2])
+            return np.asarray(part.box_centre + distance * direction / np.linalg.norm(direction), np.float64)
+
+        start = np.array([0.0, 0.0, np.log(_START * part.diameter)])
+        found = least_squares(lambda x: (self._frame(eye_obj(x), region).project(w_obj) - points).ravel(), start)
+        return eye_obj(found.x)
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,10 @@ def painted(model: PreparedPart) -> PerfectlyPainted:
     return perfectly_painted(model, (REGION,))
 
 
-def test_its_ridges_show_the_true_pose(painted: PerfectlyPainted) -> None:
-    """Also of a part with edges that the part itself hides."""
-    pose = looking_at(painted.part, np.array([0.4, 0.3, 1.0]), 330.0, 0.3)
+@pytest.mark.parametrize("direction", [(0.4, 0.3, 1.0), (-0.8, 0.1, 1.0), (0.05, -0.7, 1.0)])
+def test_its_ridges_show_the_true_pose(painted: PerfectlyPainted, direction: tuple[float, float, float]) -> None:
+    """Also of a part with edges that the part itself hides, and from steep."""
+    pose = looking_at(painted.part, np.array(direction), 330.0, 0.3)
     found = PaintingBench(painted).bias(CAMERA, pose)
     assert len(found.edges) > 150
     assert found.add_share < 0.004
