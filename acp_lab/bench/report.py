@@ -23,14 +23,15 @@ from acp_lab.sequences.results_csv import ResultsWriter
 
 HEAD = (
     "method", "sequences", "runs", "@2%", "@5%", "@10%", "AUC %", "5cm5° %", "rot °", "trans mm", "until lost", "lost",
-    "resets", "ms", "ms 95%", "MB",
+    "resets", "ms", "ms 95%", "MB", "prepare s",
 )  # fmt: skip
 MARKS = {"better": " ▲", "worse": " ▼", "tie": " ="}
 LEGEND = (
     "Shares in percent: mean over sequences, 95% bootstrap interval in brackets. ▲ better, ▼ worse than the first "
     "method, = tie: the interval of the paired difference holds 0. rot, trans: medians over frames. until lost: frames "
     "before ADD exceeds 30% of the diameter, mean over runs. ms: CPU of one thread per frame that is not lost (of "
-    "outside trackers what their files tell). MB: the most that the process held."
+    "outside trackers what their files tell). MB: the most that the process held. prepare s: CPU of "
+    "preparing a part for the method, mean over parts (- where a part was prepared before this was counted)."
 )
 
 
@@ -97,7 +98,7 @@ def cells(row: Row) -> list[str]:
         row.method, str(row.sequences), str(row.runs), *recalls, _number(100 * scores.auc_10pct, 1),
         _number(100 * scores.cm5deg5, 1), _number(scores.rot_deg_median, 2), _number(scores.trans_mm_median, 2),
         _number(row.until_lost, 1), f"{row.lost}", f"{row.resets}", _number(row.ms_median, 1), _number(row.ms_95, 1),
-        _number(row.memory_mb, 0),
+        _number(row.memory_mb, 0), _number(row.prepare_s, 1),
     ]  # fmt: skip
 
 
@@ -137,6 +138,7 @@ def _flat(row: Row) -> Iterator[tuple[str, Any]]:
     yield from asdict(row.pooled).items()
     yield from (("until_lost_mean", row.until_lost), ("lost_runs", row.lost), ("resets", row.resets))
     yield from (("ms_median", row.ms_median), ("ms_95", row.ms_95), ("memory_mb", row.memory_mb))
+    yield "prepare_s", row.prepare_s
     yield from (("width", row.size[0]), ("height", row.size[1]), ("threads", row.threads))
     nothing = Interval(math.nan, math.nan, math.nan)
     for place, limit in enumerate(LIMITS):
