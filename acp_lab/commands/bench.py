@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from acp_lab.display.bench_page import Thumbnail
     from acp_lab.tracking.method import Method
 
-MOST_SEEDS, MOST_WORKERS = 1000, 256
+MOST_SEEDS = 1000
 _REPLAY_MB = 30.0
 # Per method and per page: a page should open at once.
 _MOST_THUMBNAILS, _MOST_REPLAYS = 3, 8
@@ -55,10 +55,11 @@ class BenchOptions:
     install_peers: bool = False
 
     def __post_init__(self) -> None:
+        from acp_lab.bench.workers import check_workers
+
         if not 1 <= self.seeds <= MOST_SEEDS:
             raise ParameterError(f"--seeds {self.seeds}: give 1 to {MOST_SEEDS}")
-        if not 1 <= self.jobs <= MOST_WORKERS:
-            raise ParameterError(f"--jobs {self.jobs}: give 1 to {MOST_WORKERS}")
+        check_workers(self.jobs)
         if self.out.exists() and not self.out.is_dir():
             raise InputFileError(f"{self.out}: is a file: --out needs a folder")
 

@@ -108,7 +108,7 @@ def test_bad_usage(
     monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("acp_lab.bench.spread._CONNECT_S", 0.5)
+    monkeypatch.setattr("acp_lab.bench.workers._CONNECT_S", 0.5)
     common = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", "out")
     assert_one_error(run(capsys, *common, *words), expected)
     assert not (tmp_path / "out" / "bench.csv").exists()
