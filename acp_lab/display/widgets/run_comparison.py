@@ -14,7 +14,7 @@ from acp_lab.bench.protocol import SequenceKey, Variant
 from acp_lab.bench.record import Run
 from acp_lab.bench.report import HEAD, Report, cells
 from acp_lab.bench.workbench import Workbench
-from acp_lab.display.colours import OBJECT_COLOURS
+from acp_lab.display.colours import GREEN, OBJECT_COLOURS
 from acp_lab.display.look import TRUTH
 from acp_lab.display.mesh_lines import MeshLines
 from acp_lab.display.widgets.controls import button, row, side_by_side
@@ -34,9 +34,11 @@ STEPS = {"every frame": 1, "every 2nd": 2, "every 3rd": 3, "every 4th": 4}
 ADD_ROW, SHARE_ROW = "ADD [% of diameter]", "share of frames"
 LARGEST_SHOWN_ADD = 20.0
 """Percent; a lost part would flatten the rest of the curve."""
+COLOURS = tuple(colour for colour in OBJECT_COLOURS if colour != GREEN)
+"""Of methods, in the order in which they can be chosen; green is the truth's."""
 PLAY_MS, FILM_HEIGHT_PX = 80, 300
 _COLUMNS = ("method", "runs", "@2%", "@5%", "@10%", "until lost", "ms")
-_SHARP_DEG = 25.0
+_SHARP_DEG, _ROOM = 25.0, 0.15
 _LIMITS = np.linspace(0.0, 10.0, 101)
 
 
@@ -71,7 +73,7 @@ class RunComparison(ipywidgets.VBox):
         self.told = ipywidgets.Label()
         self.table = ipywidgets.HTML()
         self.errors = CurvePlot((), (), x_label="image id")
-        self.shares = CurvePlot(_LIMITS, (), x_label="limit of ADD(-S), % of the diameter", limits=(0.0, 1.0))
+        self.shares = CurvePlot(_LIMITS, (), x_label="limit of ADD(-S), % of the diameter", limits=(0.0, 1.0), cursor=20)
         self.film = ipywidgets.Dropdown(options=[], description="film of", layout=narrow)
         self.play = ipywidgets.Play(min=0, max=0, interval=PLAY_MS, show_repeat=True)
         self.slider = ipywidgets.IntSlider(min=0, max=0, description="frame", layout=ipywidgets.Layout(flex="1"))
@@ -170,10 +172,11 @@ class RunComparison(ipywidgets.VBox):
                     canvas.image_size = shelved.size
                 canvas.image, canvas.title = shelved.content, f"{run.method}, image {frame_id}: {far}"
                 canvas.draw(drawn)
+                canvas.view = _around(drawn[0].coordinates, shelved.size) if drawn else ()
                 canvas.status = shelved.note
 
     def _colour(self, method: str) -> Colour:
-        return OBJECT_COLOURS[list(self.methods.options).index(method) % len(OBJECT_COLOURS)]
+        return COLOURS[list(self.methods.options).index(method) % len(COLOURS)]
 
 
 class _Reel:
@@ -199,6 +202,18 @@ class _Reel:
         pixels = camera.project(transform(pose, self._lines_obj.reshape(-1, 3))).reshape(-1, 2, 2)
         seen = np.isfinite(pixels).all((1, 2)) & (np.abs(np.nan_to_num(pixels)) < 1e4).all((1, 2))
         return Overlay("strokes", pixels[seen], colour, label, width_px)
+
+
+def _around(strokes: FloatArray, size: tuple[int, int]) -> tuple[float, ...]:
+    """What a film shows of an image (width, height): strokes (n, 2, 2) px with some room; () for all of it."""
+    if not len(strokes) or not size[0]:
+        return ()
+    low, high = strokes.min((0, 1)), strokes.max((0, 1))
+    wide = float((high - low).max()) * (1.0 + 2.0 * _ROOM)
+    height = min(wide, size[1])
+    width = height * size[0] / size[1]
+    left, top = 0.5 * (low + high) - 0.5 * np.array([width, height])
+    return float(left), float(top), width, height
 
 
 def _table(report: Report) -> str:
