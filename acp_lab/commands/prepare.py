@@ -35,10 +35,9 @@ class Spread:
     scheduler: str | None = None
     threads: int = 1
 
-    @property
-    def is_alone(self) -> bool:
-        """Whether this process does it all."""
-        return self.workers == 1 and self.scheduler is None
+    def is_alone(self, parts: int) -> bool:
+        """Whether this process does it all: also a single part, whose stages it then shows."""
+        return self.scheduler is None and min(self.workers, parts) == 1
 
 
 def prepare_parts(
@@ -63,7 +62,7 @@ def prepare_parts(
     for part in parts:
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
-    if spread.is_alone:
+    if spread.is_alone(len(parts)):
         for part in parts:
             start = time.perf_counter()
             with Progress(f"{part.name}: ") as progress:

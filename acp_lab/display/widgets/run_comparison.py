@@ -73,7 +73,8 @@ class RunComparison(ipywidgets.VBox):
         self.told = ipywidgets.Label()
         self.table = ipywidgets.HTML()
         self.errors = CurvePlot((), (), x_label="image id")
-        self.shares = CurvePlot(_LIMITS, (), x_label="limit of ADD(-S), % of the diameter", limits=(0.0, 1.0), cursor=20)
+        self.shares = CurvePlot(_LIMITS, (), x_label="limit of ADD(-S), % of the diameter", limits=(0.0, 1.0))
+        self.shares.cursor = 20
         self.film = ipywidgets.Dropdown(options=[], description="film of", layout=narrow)
         self.play = ipywidgets.Play(min=0, max=0, interval=PLAY_MS, show_repeat=True)
         self.slider = ipywidgets.IntSlider(min=0, max=0, description="frame", layout=ipywidgets.Layout(flex="1"))
