@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PERCENT = 10.0
+_LIGHTER = (
+    "#aec7e8", "#ffbb78", "#98df8a", "#ff9896", "#c5b0d5", "#c49c94", "#f7b6d2", "#c7c7c7", "#dbdb8d", "#9edae5",
+)  # fmt: skip
 
 
 def bench_figure(runs: Sequence[Run], rows: Sequence[Row], basins: Sequence[Basin] = ()) -> Figure:
@@ -64,7 +67,7 @@ def draw_recall_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None 
         if own:
             errors = 100.0 * np.concatenate(own)
             shares = [(errors < limit).mean() for limit in limits]
-            axes.plot(limits, shares, label=method, color=f"C{number}")
+            axes.plot(limits, shares, label=method, color=_colour(number))
     axes.set(xlabel="limit of ADD(-S), % of the diameter", ylabel="share of frames", ylim=(-0.02, 1.02))
     axes.set_title(f"accuracy, {variant or 'from truth'}")
     axes.grid(alpha=0.3)
@@ -74,7 +77,7 @@ def draw_times(axes: Axes, rows: Sequence[Row]) -> None:
     """Recall at 5% against milliseconds per frame, all data together."""
     for number, row in enumerate(_overall(rows)):
         if np.isfinite(row.ms_median):
-            axes.plot(row.ms_median, row.recalls[1].mean, "o", color=f"C{number}")
+            axes.plot(row.ms_median, row.recalls[1].mean, "o", color=_colour(number))
             axes.annotate(row.method, (row.ms_median, row.recalls[1].mean), xytext=(5, 5), textcoords="offset points")
     axes.set(xlabel="ms per frame, median", ylabel="@5%", ylim=(-0.02, 1.08), xlim=(0.0, None))
     axes.margins(x=0.2)
@@ -84,11 +87,12 @@ def draw_times(axes: Axes, rows: Sequence[Row]) -> None:
 
 def draw_preparing(axes: Axes, rows: Sequence[Row]) -> None:
     """CPU seconds of preparing a part, one bar per method."""
-    known = [(n, row) for n, row in enumerate(_overall(rows)) if np.isfinite(row.prepare_s)]
+    known = [(n, row) for n, row in enumerate(_overall(rows)) if row.prepare_s > 0.0]
     if not known:
         _say(axes, "preparation: not counted for these parts")
         return
-    axes.barh([row.method for _, row in known], [row.prepare_s for _, row in known], color=[f"C{n}" for n, _ in known])
+    names, seconds = [row.method for _, row in known], [row.prepare_s for _, row in known]
+    axes.barh(names, seconds, color=[_colour(n) for n, _ in known])
     axes.invert_yaxis()
     axes.set(xlabel="CPU seconds per part")
     axes.set_title("preparation")
@@ -112,7 +116,7 @@ def draw_basins(axes: Axes, basins: Sequence[Basin], methods: Sequence[str]) -> 
             at = [starts.index((basin.variant.noise_deg, basin.variant.noise_mm)) for basin in own]
             middle = np.array([basin.found.mean for basin in own])
             spans = np.array([(basin.found.low, basin.found.high) for basin in own]).T
-            axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=f"C{number}")
+            axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
     names = [f"{degrees:g}°\n{mm:g} mm" if degrees or mm else "truth" for degrees, mm in starts]
     axes.set_xticks(range(len(starts)), names)
     axes.set(ylabel="share of runs", ylim=(-0.02, 1.02))
@@ -133,7 +137,7 @@ def draw_against(axes: Axes, rows: Sequence[Row], setting: str, name: str, other
         at = [getattr(row.variant, setting) for row in own]
         middle = np.array([row.recalls[1].mean for row in own])
         spans = np.array([(row.recalls[1].low, row.recalls[1].high) for row in own]).reshape(-1, 2).T
-        axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=f"C{number}")
+        axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
     axes.set(xlabel=name, ylabel="@5%", ylim=(-0.02, 1.02))
     axes.set_title(f"@5%: {name}")
     axes.grid(alpha=0.3)
@@ -142,6 +146,11 @@ def draw_against(axes: Axes, rows: Sequence[Row], setting: str, name: str, other
 def _say(axes: Axes, words: str) -> None:
     axes.text(0.5, 0.5, words, ha="center", va="center", transform=axes.transAxes, color="0.5")
     axes.set_axis_off()
+
+
+def _colour(number: int) -> str:
+    """Of a method: the ten of the style, then ten lighter ones."""
+    return f"C{number % 10}" if number % 20 < 10 else _LIGHTER[number % 10]
 
 
 def _methods(runs: Sequence[Run]) -> list[str]:
