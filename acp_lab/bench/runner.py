@@ -18,7 +18,7 @@ from acp_lab.bench.rapid import environment
 from acp_lab.bench.rapid.tracker import RapidTracker
 from acp_lab.bench.record import Run
 from acp_lab.cad.part import Part
-from acp_lab.errors import AcpLabError, GeometryError, SequenceError, TrackingError
+from acp_lab.errors import AcpLabError, GeometryError, PreparationError, SequenceError, TrackingError
 from acp_lab.evaluation.metrics import LOST_SHARE, pose_error
 from acp_lab.evaluation.part_metric import PartMetric
 from acp_lab.geometry.arrays import FloatArray
@@ -132,7 +132,8 @@ def run_task(text: str) -> str:
 
 
 def run(task: Task) -> Run:
-    """Do one task. A start that is refused is a run without poses, whose note says why.
+    """Do one task. A start that is refused, also for a view region that its part is not prepared for, is a run without
+    poses, whose note says why.
 
     Raises AcpLabError for data or parts that are missing.
     """
@@ -147,7 +148,7 @@ def run(task: Task) -> Run:
         for step in follow(tracker, frames, start_pose(task, opened.scene, part), opened.truth, metric.share,
                            task.variant.resets):  # fmt: skip
             steps.append(step)
-    except (TrackingError, GeometryError) as error:
+    except (TrackingError, GeometryError, PreparationError) as error:
         note = str(error)
     return _as_run(task, opened, part, metric, frame_ids, steps, note)
 

@@ -114,9 +114,12 @@ def test_every_third_frame_is_every_third_frame(monkeypatch: pytest.MonkeyPatch)
     assert run(sample_task(Variant(step=3))).frame_ids == sample_scene().frame_ids[::3][1:]
 
 
-def test_a_refused_start_is_a_run_without_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("refusal", [TrackingError, PreparationError])
+def test_a_refused_start_is_a_run_without_poses(
+    monkeypatch: pytest.MonkeyPatch, refusal: type[TrackingError | PreparationError]
+) -> None:
     def refuse(*_: object) -> None:
-        raise TrackingError("the part is not seen")
+        raise refusal("the part is not seen")
 
     monkeypatch.setattr(ErringTracker, "start", refuse)
     monkeypatch.setattr(runner, "Tracker", ErringTracker)
