@@ -28,6 +28,7 @@ UNITS = {
     "per_frame_ms": "CPU milliseconds per frame of a whole run: opening, decoding, tracking, scoring",
     "kB": "kilobytes of one run's file, per frame",
     "MB": "megabytes that the process held at most",
+    "parts": "prepared parts that the mean is over",
 }
 
 
