@@ -94,6 +94,10 @@ def prepare(
         bool,
         typer.Option("--resume/--no-resume", help="Go on with what is there, or replace it."),
     ] = True,
+    jobs: Annotated[int, typer.Option(help="Parts prepared at a time, a process each.", metavar="N")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Prepare on a dask cluster: its scheduler's address.", metavar="ADDRESS")
+    ] = None,
 ) -> None:
     """Prepare CAD models for tracking: edges, control points and the generators of edges."""
     from acp_lab.commands.machine import limit_threads
@@ -102,7 +106,7 @@ def prepare(
     # a busy machine of two cores, two threads took seven times as long as one), and the numbers are the same on every
     # machine. Only the auto-encoder is large enough for two, and it takes them by itself.
     limit_threads(threads)
-    from acp_lab.commands.prepare import prepare_parts
+    from acp_lab.commands.prepare import Spread, prepare_parts
     from acp_lab.prepared_part import PrepareOptions
 
     options = PrepareOptions(
@@ -116,7 +120,7 @@ def prepare(
         painting_frame=painting_frame.value,
         device=device.value,
     )
-    prepare_parts(meshes, out, options, unit.value)
+    prepare_parts(meshes, out, options, unit.value, Spread(jobs, scheduler, threads))
 
 
 @app.command()

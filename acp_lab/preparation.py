@@ -7,7 +7,7 @@ second run keeps what is there. A region of the auto-encoder, minutes of work, i
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,9 +77,9 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
         for checkpoint in folder.glob(f"*{CHECKPOINT_SUFFIX}"):
             checkpoint.unlink()
     stored = None if folder is None else _stored(part, folder, options)
-    model = stored or PreparedPart(part, sample_edges(part), seed=options.seed)
+    model = stored or _with_edges(part, options.seed)
     if trains and model.seed != options.seed:  # only the networks depend on it
-        model = replace(model, seed=options.seed, networks=Trained())
+        model = replace(model, seed=options.seed, networks=Trained(), cpu_s=_without(model.cpu_s, "networks"))
     if options.edge_break_mm is not None:
         model = replace(model, edge_break_mm=options.edge_break_mm)
     model = replace(model, options={**model.options, options.generator: options})
@@ -90,17 +90,28 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
         return _train_autoencoders(_regress_points(model, job), job)
     # Regions without a network of their own need the templates to fall back on.
     if (options.generator != "learned" or len(options.wanted_regions) < REGION_COUNT) and model.templates is None:
+        begin_s = time.process_time()
         templates = build_templates(part, model.edges, job.caster, job.progress_of("view templates"))
-        model = replace(model, templates=templates)
+        model = replace(model, templates=templates).took("templates", time.process_time() - begin_s)
         job.store(model)
     if trains:
         model = _train_networks(model, job)
     if model.views is None:
         # By rays, not by a generator, which may gain regions or be trained anew.
+        begin_s = time.process_time()
         seen = build_templates(part, model.edges, job.caster, subdivisions=SUBDIVISIONS)
-        model = replace(model, views=make_views(part, seen))
+        model = replace(model, views=make_views(part, seen)).took("views", time.process_time() - begin_s)
     job.store(model)
     return model
+
+
+def _with_edges(part: Part, seed: int) -> PreparedPart:
+    begin_s = time.process_time()
+    return PreparedPart(part, sample_edges(part), seed=seed).took("edges", time.process_time() - begin_s)
+
+
+def _without(cpu_s: Mapping[str, float], stage: str) -> dict[str, float]:
+    return {name: value for name, value in cpu_s.items() if name != stage}
 
 
 @dataclass(frozen=True)
@@ -143,15 +154,18 @@ def _train_networks(model: PreparedPart, job: _Job) -> PreparedPart:
     from acp_lab.generator.visibility_training import TrainingConfig, train_region
 
     config = TrainingConfig.fast() if job.options.fast else TrainingConfig()
-    model = replace(model, networks=model.networks.under(_in_words(config)))
+    networks = model.networks.under(_in_words(config))
+    if networks is not model.networks:
+        model = replace(model, networks=networks, cpu_s=_without(model.cpu_s, "networks"))
     for region in job.options.wanted_regions:
         if region in model.networks:
             continue
-        begin, view = time.perf_counter(), ALL_REGIONS[region]
+        begin, begin_cpu_s, view = time.perf_counter(), time.process_time(), ALL_REGIONS[region]
         tell = job.progress_of(f"visibility network, region {view.name}")
         network, report = train_region(model.part, model.edges, job.caster, view, config, model.seed, tell)
         timed = RegionReport(**asdict(report), train_s=time.perf_counter() - begin)
         model = replace(model, networks=model.networks.with_region(region, network, timed))
+        model = model.took("networks", time.process_time() - begin_cpu_s)
         job.store(model)
     return model
 
@@ -164,13 +178,15 @@ def _regress_points(model: PreparedPart, job: _Job) -> PreparedPart:
     regressed = model.regressed_points.under(_seeded(config, seed))
     if regressed is not model.regressed_points:  # the auto-encoders were trained for the old points
         model = replace(model, regressed_points=regressed, autoencoders=Trained())
+        model = replace(model, cpu_s=_without(_without(model.cpu_s, "control points"), "auto-encoder"))
     for region in job.options.wanted_regions:
         if region in model.regressed_points:
             continue
-        view = ALL_REGIONS[region]
+        view, begin_s = ALL_REGIONS[region], time.process_time()
         tell = job.progress_of(f"control points, region {view.name}")
         points, report = regress_points(model.part, model.edges, job.caster, view, config, seed, tell)
         model = replace(model, regressed_points=model.regressed_points.with_region(region, points, asdict(report)))
+        model = model.took("control points", time.process_time() - begin_s)
         job.store(model)
     return model
 
@@ -180,17 +196,19 @@ def _train_autoencoders(model: PreparedPart, job: _Job) -> PreparedPart:
     from acp_lab.generator.painted.training import train_autoencoder
 
     config, seed = _autoencoder_config(job.options, model.edge_break_mm), job.options.seed
-    model = replace(model, autoencoders=model.autoencoders.under(_seeded(config, seed)))
+    autoencoders = model.autoencoders.under(_seeded(config, seed))
+    if autoencoders is not model.autoencoders:
+        model = replace(model, autoencoders=autoencoders, cpu_s=_without(model.cpu_s, "auto-encoder"))
     for region in job.options.wanted_regions:
         checkpoint = None if job.folder is None else job.folder / f"autoencoder_{region}{CHECKPOINT_SUFFIX}"
         if region not in model.autoencoders:
-            view, points = ALL_REGIONS[region], model.regressed_points[region]
+            view, points, begin_s = ALL_REGIONS[region], model.regressed_points[region], time.process_time()
             tell = job.progress_of(f"auto-encoder, region {view.name}")
             trained = train_autoencoder(
                 model.part, job.caster, view, points, config, seed, tell, checkpoint, device=job.options.device
             )
             autoencoders = model.autoencoders.with_region(region, trained.autoencoder, trained.report)
-            model = replace(model, autoencoders=autoencoders)
+            model = replace(model, autoencoders=autoencoders).took("auto-encoder", time.process_time() - begin_s)
             if job.folder is not None:
                 picture = cv2.imencode(".png", trained.grid)[1]
                 write_whole(job.folder / f"autoencoder_{region}.png", picture.tobytes(), "the picture")

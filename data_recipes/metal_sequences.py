@@ -98,6 +98,8 @@ def build_parser() -> Parser:
     parser.add_argument("--contact-sheet", type=Path, metavar="PNG", help="also write a picture of what was made")
     parser.add_argument("--path-traced", action="store_true", help="render with Mitsuba: more realistic, far slower")
     parser.add_argument("--spp", type=count, default=SPP, help=f"with --path-traced: samples per pixel ({SPP})")
+    parser.add_argument("--jobs", type=count, default=1, help="sequences rendered at a time, a process each (1)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="render on a dask cluster, whose workers see --out")
     parser.add_argument("--force", action="store_true", help="replace an existing data set")
     return parser
 
@@ -111,7 +113,8 @@ def make(args: argparse.Namespace) -> None:
     out: Path = args.out or SAMPLE_FOLDER
     plans = [SAMPLE] if args.sample else make_plans(args)
     suffix = ".jpg" if args.sample else f".{args.image_format}"
-    render_dataset(out, plans, suffix, args.force, spp=args.spp if args.path_traced else None)
+    spp = args.spp if args.path_traced else None
+    render_dataset(out, plans, suffix, args.force, spp, args.jobs, args.scheduler)
     if args.contact_sheet is not None:
         save_picture(args.contact_sheet, contact_sheet(out, edges=True))
 

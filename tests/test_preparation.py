@@ -83,6 +83,7 @@ def header(folder: Path) -> dict:  # type: ignore[type-arg]
     """part.json without what differs from run to run: the seconds, and the checksum over them."""
     values: dict = json.loads((folder / "part.json").read_text())  # type: ignore[type-arg]
     values.pop("checksum")
+    values.pop("cpu_s")
     makers = [*values["generators"].values(), values.get("control_points", {})]
     for region in [region for maker in makers for region in maker.get("regions", ())]:
         region.pop("train_s")

@@ -33,7 +33,7 @@ PEERS = (
     Peer("RBGT", "region", ("RBGT",), "--methods region, of the same family; or --results-from RBGT__DATASET.csv"),
     Peer("SRT3D", "region", ("SRT3D",), "--methods region, our own; or --results-from SRT3D__DATASET.csv"),
     Peer("GOS", "GOS", ("GOS",), "--methods GOS, of cv2.rapid (--install-peers); or --results-from GOS__DATASET.csv"),
-    Peer("SLET", "", ("SLET",), "--results-from SLET__DATASET.csv"),
+    Peer("SLET", "slet", ("SLET",), "--methods slet, our own; or --results-from SLET__DATASET.csv"),
     Peer("GFI", "", ("GFI",), "--results-from GFI__DATASET.csv; see docs/bench.md"),
     Peer("STB", "", ("STB",), "--results-from STB__DATASET.csv; see docs/bench.md"),
     Peer("DeepAC", "", ("DeepAC",), "--results-from DeepAC__DATASET.csv; needs a GPU and its weights"),

@@ -17,7 +17,7 @@ from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.results_csv import ResultRow
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,8 @@ class Run:
         scores: (n,) the tracker's own quality in [0, 1]; poses: (n, 3, 4) cam_T_obj, NaN without one.
         resets: image ids at which the part was started again.
         size: (w, h) px of the images; threads: of the tracker, 0 where unknown; memory_mb: the most that its process
-            held so far, NaN where unknown; cpu: of the machine; note: why poses are missing.
+            held so far, prepare_s: CPU seconds of preparing what the method needs of the part, both NaN where unknown;
+            cpu: of the machine; note: why poses are missing.
     """
 
     method: str
@@ -53,6 +54,7 @@ class Run:
     size: tuple[int, int] = (0, 0)
     threads: int = 0
     memory_mb: float = math.nan
+    prepare_s: float = math.nan
     cpu: str = ""
     note: str = ""
 
@@ -102,8 +104,8 @@ class Run:
                 shape = (count, 3, 4) if name == "poses" else (count,)
                 values[name] = np.array(_filled(values[name], missing), np.float64).reshape(shape)
             values |= {name: tuple(values[name]) for name in ("frame_ids", "resets", "size")}
-            memory_mb = values["memory_mb"]
-            values["memory_mb"] = math.nan if memory_mb is None else float(memory_mb)
+            for name in ("memory_mb", "prepare_s"):
+                values[name] = math.nan if values[name] is None else float(values[name])
             values["sequence"] = SequenceKey(**values["sequence"])
             return cls(**{**values, "variant": Variant(**values["variant"])})
         except (ValueError, TypeError, KeyError, AttributeError) as error:

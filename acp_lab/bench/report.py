@@ -11,6 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from acp_lab.bench.basins import FRAME, LIMIT, Basin, basins
 from acp_lab.bench.peers import PAPER_TABLES, reported, stands_for
 from acp_lab.bench.protocol import Variant
 from acp_lab.bench.record import Run
@@ -23,29 +24,40 @@ from acp_lab.sequences.results_csv import ResultsWriter
 
 HEAD = (
     "method", "sequences", "runs", "@2%", "@5%", "@10%", "AUC %", "5cm5° %", "rot °", "trans mm", "until lost", "lost",
-    "resets", "ms", "ms 95%", "MB",
+    "resets", "ms", "ms 95%", "MB", "prepare s",
 )  # fmt: skip
 MARKS = {"better": " ▲", "worse": " ▼", "tie": " ="}
 LEGEND = (
     "Shares in percent: mean over sequences, 95% bootstrap interval in brackets. ▲ better, ▼ worse than the first "
     "method, = tie: the interval of the paired difference holds 0. rot, trans: medians over frames. until lost: frames "
     "before ADD exceeds 30% of the diameter, mean over runs. ms: CPU of one thread per frame that is not lost (of "
-    "outside trackers what their files tell). MB: the most that the process held."
+    "outside trackers what their files tell). MB: the most that the process held. prepare s: CPU of "
+    "preparing a part for the method, mean over parts (- where a part was prepared before this was counted)."
+)
+
+
+BASIN_LEGEND = (
+    f"Share of runs, in percent, whose ADD(-S) is below {100 * LIMIT:g}% of the diameter in frame {FRAME} after the "
+    "start."
 )
 
 
 @dataclass(frozen=True)
 class Report:
-    """All of a bench: its runs and the rows made of them. machine: that it ran on, told beside times."""
+    """All of a bench: its runs and the rows made of them. machine: that it ran on, told beside times.
+
+    basins: of convergence, () where no start is off.
+    """
 
     runs: tuple[Run, ...]
     rows: tuple[Row, ...]
     machine: str
+    basins: tuple[Basin, ...] = ()
 
     @classmethod
     def of(cls, runs: Sequence[Run], machine: str) -> Report:
         """The report of some runs; the first one's method is what others are held against."""
-        return cls(tuple(runs), table(runs), machine)
+        return cls(tuple(runs), table(runs), machine, basins(runs))
 
     @property
     def methods(self) -> list[str]:
@@ -71,7 +83,8 @@ class Report:
     def write(self, folder: Path) -> None:
         """bench.csv, bench.json, bench.md, and the poses as results/METHOD__DATASET.csv; InputFileError."""
         write_whole(folder / "bench.csv", _csv(self).encode(), "the table")
-        write_json(folder / "bench.json", {"machine": self.machine, "methods": self.methods, "rows": flat_rows(self)})
+        told = {"machine": self.machine, "methods": self.methods, "rows": flat_rows(self), "basins": flat_basins(self)}
+        write_json(folder / "bench.json", told)
         write_whole(folder / "bench.md", markdown(self).encode(), "the tables")
         _write_poses(self.runs, folder / "results")
 
@@ -82,10 +95,38 @@ def markdown(report: Report) -> str:
     for group, how, rows in report.blocks():
         lines += [f"## {group}: {how}", "", f"| {' | '.join(HEAD)} |", "|---" * len(HEAD) + "|"]
         lines += [f"| {' | '.join(cells(row))} |" for row in rows] + [""]
+    for group, head, basin_rows in basin_tables(report):
+        lines += [f"## {group}: basin of convergence", "", BASIN_LEGEND, "", f"| {' | '.join(head)} |"]
+        lines += ["|---" * len(head) + "|"] + [f"| {' | '.join(row)} |" for row in basin_rows] + [""]
     for paper in PAPER_TABLES:
         lines += [f"## {paper.data}", "", "| method | reported @2% | reported @5% | here | @2% | @5% | where from |"]
         lines += ["|---" * 7 + "|"] + [f"| {' | '.join(line)} |" for line in paper_lines(paper, report)] + [""]
     return "\n".join(lines)
+
+
+def basin_tables(report: Report) -> Iterator[tuple[str, list[str], list[list[str]]]]:
+    """(group, head, rows) of each table of basins: a row per method, a column per start."""
+    for group in dict.fromkeys(basin.group for basin in report.basins):
+        own = [basin for basin in report.basins if basin.group == group]
+        columns = sorted({basin.variant.group for basin in own})
+        named = {basin.variant.group: str(_shared(basin.variant)) for basin in own}
+        rows = []
+        for method in dict.fromkeys(basin.method for basin in own):
+            by_start = {basin.variant.group: percent(basin.found) for basin in own if basin.method == method}
+            rows.append([method, *(by_start.get(column, "-") for column in columns)])
+        yield group, ["method", *(named[column] for column in columns)], rows
+
+
+def flat_basins(report: Report) -> list[dict[str, Any]]:
+    """Every basin as plain named values."""
+    return [
+        {
+            "group": basin.group, "step": basin.variant.step, "noise_deg": basin.variant.noise_deg,
+            "noise_mm": basin.variant.noise_mm, "method": basin.method, "runs": basin.runs,
+            **dict(_interval("found", basin.found)),
+        }
+        for basin in report.basins
+    ]  # fmt: skip
 
 
 def cells(row: Row) -> list[str]:
@@ -97,7 +138,7 @@ def cells(row: Row) -> list[str]:
         row.method, str(row.sequences), str(row.runs), *recalls, _number(100 * scores.auc_10pct, 1),
         _number(100 * scores.cm5deg5, 1), _number(scores.rot_deg_median, 2), _number(scores.trans_mm_median, 2),
         _number(row.until_lost, 1), f"{row.lost}", f"{row.resets}", _number(row.ms_median, 1), _number(row.ms_95, 1),
-        _number(row.memory_mb, 0),
+        _number(row.memory_mb, 0), _number(row.prepare_s, 1),
     ]  # fmt: skip
 
 
@@ -137,6 +178,7 @@ def _flat(row: Row) -> Iterator[tuple[str, Any]]:
     yield from asdict(row.pooled).items()
     yield from (("until_lost_mean", row.until_lost), ("lost_runs", row.lost), ("resets", row.resets))
     yield from (("ms_median", row.ms_median), ("ms_95", row.ms_95), ("memory_mb", row.memory_mb))
+    yield "prepare_s", row.prepare_s
     yield from (("width", row.size[0]), ("height", row.size[1]), ("threads", row.threads))
     nothing = Interval(math.nan, math.nan, math.nan)
     for place, limit in enumerate(LIMITS):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from acp_lab.bench.rapid import environment
 from acp_lab.bench.rapid.tracker import RapidTracker
 from acp_lab.bench.record import Run
 from acp_lab.cad.part import Part
-from acp_lab.errors import AcpLabError, GeometryError, SequenceError, TrackingError
+from acp_lab.errors import AcpLabError, GeometryError, PreparationError, SequenceError, TrackingError
 from acp_lab.evaluation.metrics import LOST_SHARE, pose_error
 from acp_lab.evaluation.part_metric import PartMetric
 from acp_lab.geometry.arrays import FloatArray
@@ -29,11 +29,14 @@ from acp_lab.prepared_part import PreparedPart, part_folder
 from acp_lab.sequences.bop import BopDataset, BopScene, image_files
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.scene_truth import instance_truths
+from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer
-from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.session import PartTracker, follow_sequence
+from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.tracker import Tracker
 
+DECODED_MB = 256.0
+"""Of decoded images that a process keeps: scenes of some hundred frames are decoded once, longer ones in each run."""
 AnyFrame = Frame | UnreadableFrame
 Truth = Callable[[int], FloatArray | None]
 Error = Callable[[FloatArray, FloatArray], float]
@@ -41,10 +44,16 @@ Error = Callable[[FloatArray, FloatArray], float]
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A tracked frame: its result, CPU milliseconds of one thread, and whether the part was started again in it."""
+    """A tracked frame, without its image: a run of any length needs little memory.
 
-    frame: AnyFrame
-    result: TrackResult
+    Attributes:
+        frame_id: of the image; cam_T_obj: (4, 4) as tracked; quality: the tracker's own, in [0, 1].
+        ms: CPU milliseconds of one thread; reset: whether the part was started again in it.
+    """
+
+    frame_id: int
+    cam_T_obj: FloatArray
+    quality: float
     ms: float
     reset: bool
 
@@ -77,16 +86,16 @@ def follow(
             result = tracker.track(frame)
         # The work of a tracker in another process is not in this one's time: it tells.
         ms = 1e3 * (time.thread_time() - begin_s) + float(getattr(tracker, "ms", 0.0))
-        again = number > 0 and resets and _start_again(tracker, frame, result, truth(frame.index), error)
-        yield Step(frame, result, ms, again)
+        again = number > 0 and resets and _start_again(tracker, frame, result.cam_T_obj, truth(frame.index), error)
+        yield Step(frame.index, result.cam_T_obj, result.quality, ms, again)
     if number < 0:
         raise SequenceError("there is no frame to track: give a scene with images")
 
 
 def _start_again(
-    tracker: PartTracker, frame: AnyFrame, result: TrackResult, cam_T_true: FloatArray | None, error: Error
+    tracker: PartTracker, frame: AnyFrame, cam_T_obj: FloatArray, cam_T_true: FloatArray | None, error: Error
 ) -> bool:
-    if cam_T_true is None or not isinstance(frame, Frame) or error(result.cam_T_obj, cam_T_true) <= LOST_SHARE:
+    if cam_T_true is None or not isinstance(frame, Frame) or error(cam_T_obj, cam_T_true) <= LOST_SHARE:
         return False
     try:
         tracker.start(frame, cam_T_true)
@@ -123,7 +132,8 @@ def run_task(text: str) -> str:
 
 
 def run(task: Task) -> Run:
-    """Do one task. A start that is refused is a run without poses, whose note says why.
+    """Do one task. A start that is refused, also for a view region that its part is not prepared for, is a run without
+    poses, whose note says why.
 
     Raises AcpLabError for data or parts that are missing.
     """
@@ -131,15 +141,16 @@ def run(task: Task) -> Run:
     opened = _opened(task.dataset, task.split, task.scene_id, task.object_id, task.instance)
     part, metric = _measured(task.dataset, task.object_id)
     tracker = tracker_of(task)
-    frames = opened.frames[:: task.variant.step]
+    frame_ids = opened.scene.frame_ids[:: task.variant.step]
     steps, note = list[Step](), ""
     try:
+        frames = map(opened.frame, frame_ids)
         for step in follow(tracker, frames, start_pose(task, opened.scene, part), opened.truth, metric.share,
                            task.variant.resets):  # fmt: skip
             steps.append(step)
-    except (TrackingError, GeometryError) as error:
+    except (TrackingError, GeometryError, PreparationError) as error:
         note = str(error)
-    return _as_run(task, opened, part, metric, frames, steps, note)
+    return _as_run(task, opened, part, metric, frame_ids, steps, note)
 
 
 def tracker_of(task: Task) -> PartTracker:
@@ -156,6 +167,21 @@ def start_pose(task: Task, scene: BopScene, part: Part) -> FloatArray:
     rng = np.random.default_rng(key)
     pose = scene.first_poses[task.object_id]
     return disturb_pose(pose, part.box_centre, how.noise_deg, how.noise_mm, rng)
+
+
+def _prepare_s(task: Task) -> float:
+    """CPU seconds of preparing what the task's method needs of its part; NaN where they are not known."""
+    if not task.method:
+        return 0.0
+    spent = _prepared(task.dataset, task.parts, task.object_id).cpu_s
+    return sum(spent.get(stage, math.nan) for stage in stages_of(task.settings()))
+
+
+def stages_of(method: Method) -> tuple[str, ...]:
+    """The stages of preparation that a method needs, by their names in `PreparedPart.cpu_s`."""
+    if isinstance(method.source, CadSamples):
+        return ("edges", "templates") + (() if method.source.generator == "templates" else ("networks", "views"))
+    return "edges", "control points", "auto-encoder"
 
 
 def watch(task: Task, observers: Iterable[Observer]) -> None:
@@ -180,10 +206,19 @@ def kind_of(folder: Path) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
+    """A scene; its first frames stay decoded for the next run, up to `DECODED_MB`, the others are read each time."""
+
     scene: BopScene
-    frames: list[AnyFrame]
     object_id: int
     kind: str
+    decoded: dict[int, AnyFrame] = field(default_factory=dict)
+
+    def frame(self, frame_id: int) -> AnyFrame:
+        frame = self.decoded.get(frame_id) or self.scene.frame(frame_id)
+        camera = self.scene.camera(frame_id)
+        if (len(self.decoded) + 1) * 3 * camera.width * camera.height <= DECODED_MB * 1e6:
+            self.decoded[frame_id] = frame
+        return frame
 
     def truth(self, frame_id: int) -> FloatArray | None:
         return self.scene.truth(frame_id, self.object_id)
@@ -205,13 +240,13 @@ class _EveryFew:
 
 @lru_cache(maxsize=1)
 def _opened(dataset: str, split: str, scene_id: int, object_id: int, instance: int) -> _Opened:
-    """Frames are decoded once for all runs that follow each other on a sequence."""
+    """The scene of all runs that follow each other on a sequence."""
     folder = BopDataset(dataset).scene_folder(scene_id, split)
     truths = instance_truths(folder / "scene_gt.json").get(object_id, ())
     if instance >= len(truths):
         raise SequenceError(f"{folder}: no instance {instance} of object {object_id}: it shows {len(truths)}")
     scene = BopScene(folder, truths[instance])
-    return _Opened(scene, list(scene.frames()), object_id, kind_of(folder))
+    return _Opened(scene, object_id, kind_of(folder))
 
 
 @lru_cache(maxsize=1)
@@ -244,11 +279,11 @@ def check(task: Task) -> None:
 
 
 def _as_run(
-    task: Task, opened: _Opened, part: Part, metric: PartMetric, frames: list[AnyFrame], steps: list[Step],
+    task: Task, opened: _Opened, part: Part, metric: PartMetric, frame_ids: tuple[int, ...], steps: list[Step],
     note: str,
 ) -> Run:  # fmt: skip
-    by_id = {step.frame.index: step for step in steps}
-    scored = [frame.index for frame in frames[1:] if opened.truth(frame.index) is not None]
+    by_id = {step.frame_id: step for step in steps}
+    scored = [frame_id for frame_id in frame_ids[1:] if opened.truth(frame_id) is not None]
     count = len(scored)
     errors, poses = np.full((3, count), math.inf), np.full((count, 3, 4), math.nan)
     ms, scores = np.full(count, math.nan), np.zeros(count)
@@ -256,15 +291,14 @@ def _as_run(
         step, cam_T_true = by_id.get(frame_id), opened.truth(frame_id)
         if step is None or cam_T_true is None:
             continue
-        pose = step.result.cam_T_obj
+        pose = step.cam_T_obj
         apart = pose_error(pose, cam_T_true, part.symmetries)
         errors[:, row] = metric.share(pose, cam_T_true), apart.rotation_deg, apart.translation_mm
-        poses[row], ms[row], scores[row] = pose[:3], step.ms, step.result.quality
+        poses[row], ms[row], scores[row] = pose[:3], step.ms, step.quality
     camera = opened.scene.camera(opened.scene.frame_ids[0])
-    resets = tuple(step.frame.index for step in steps if step.reset)
+    resets = tuple(step.frame_id for step in steps if step.reset)
     size, memory_mb = (camera.width, camera.height), peak_memory_mb() or math.nan
     return Run(
         task.method_name, task.state, task.sequence, task.variant, opened.kind, metric.name, tuple(scored), errors[0],
-        errors[1], errors[2], ms, scores, poses, resets, size, 1, memory_mb, cpu_model(), note,
+        errors[1], errors[2], ms, scores, poses, resets, size, 1, memory_mb, _prepare_s(task), cpu_model(), note,
     )  # fmt: skip
-

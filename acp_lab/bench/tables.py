@@ -33,6 +33,7 @@ class Row:
         pooled: scores over the frames of all runs; recalls: mean over sequences, with intervals, at 2, 5, 10%.
         until_lost: frames before a part was lost, mean over runs; lost: runs in which it ever was; resets: in all.
         ms_median, ms_95: over frames that are not lost, NaN where unknown. memory_mb: the most of any run.
+        prepare_s: CPU seconds of preparing a part, mean over the parts where it is known, NaN without.
         size: (w, h) px of the images, (0, 0) where they differ; threads: 0 where unknown.
         against: differences of `recalls` to the first method on the sequences that both have; () for itself, and
             where there is none.
@@ -51,6 +52,7 @@ class Row:
     ms_median: float
     ms_95: float
     memory_mb: float
+    prepare_s: float
     size: tuple[int, int]
     threads: int
     against: tuple[Interval, ...] = ()
@@ -122,12 +124,15 @@ def _row(group: str, method: str, runs: list[Run], first: list[Run]) -> Row:
     ms = np.concatenate([run.ms[run.distance <= LOST_SHARE] for run in runs])
     ms = ms[np.isfinite(ms)]
     memory = [run.memory_mb for run in runs if math.isfinite(run.memory_mb)]
+    by_part = {(run.sequence.dataset, run.sequence.object_id): run.prepare_s for run in runs}
+    preparing = [seconds for seconds in by_part.values() if math.isfinite(seconds)]
     sizes = {run.size for run in runs}
     pooled = pooled_scores(run.errors for run in runs)
     return Row(
         group, runs[0].variant, method, len({run.sequence for run in runs}), len(runs), pooled, recalls,
         pooled.frames_until_lost / len(runs), sum(run.is_lost for run in runs), sum(len(run.resets) for run in runs),
         float(np.median(ms)) if len(ms) else math.nan, float(np.quantile(ms, 0.95)) if len(ms) else math.nan,
-        max(memory, default=math.nan), sizes.pop() if len(sizes) == 1 else (0, 0),
+        max(memory, default=math.nan), float(np.mean(preparing)) if preparing else math.nan,
+        sizes.pop() if len(sizes) == 1 else (0, 0),
         runs[0].threads, against,
     )  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acp_lab.errors import AcpLabError, InputFileError, ParameterError, PreparationError
+from acp_lab.errors import AcpLabError, InputFileError, ParameterError
 
 if TYPE_CHECKING:
     from acp_lab.bench.protocol import SequenceKey, Task, Variant
@@ -16,13 +16,10 @@ if TYPE_CHECKING:
     from acp_lab.display.bench_page import Thumbnail
     from acp_lab.tracking.method import Method
 
-MOST_SEEDS, MOST_WORKERS = 1000, 256
+MOST_SEEDS = 1000
 _REPLAY_MB = 30.0
 # Per method and per page: a page should open at once.
 _MOST_THUMBNAILS, _MOST_REPLAYS = 3, 8
-
-_RICHEST_FIRST = ("both", "autoencoder", "templates", "")
-"""Generators in the order in which they are prepared."""
 
 @dataclass(frozen=True)
 class BenchOptions:
@@ -55,10 +52,11 @@ class BenchOptions:
     install_peers: bool = False
 
     def __post_init__(self) -> None:
+        from acp_lab.bench.workers import check_workers
+
         if not 1 <= self.seeds <= MOST_SEEDS:
             raise ParameterError(f"--seeds {self.seeds}: give 1 to {MOST_SEEDS}")
-        if not 1 <= self.jobs <= MOST_WORKERS:
-            raise ParameterError(f"--jobs {self.jobs}: give 1 to {MOST_WORKERS}")
+        check_workers(self.jobs)
         if self.out.exists() and not self.out.is_dir():
             raise InputFileError(f"{self.out}: is a file: --out needs a folder")
 
@@ -77,6 +75,7 @@ class BenchOptions:
     def chosen_methods(self) -> list[Method | str]:
         """The methods, and names of trackers of cv2.rapid; ParameterError for a name that is neither."""
         from acp_lab.bench.rapid.tracker import NAMES
+        from acp_lab.commands.bench_parts import check_painting
         from acp_lab.tracking.method import METHODS
 
         names = list(dict.fromkeys(name.strip() for name in self.methods.split(",") if name.strip()))
@@ -86,14 +85,18 @@ class BenchOptions:
                 f"--methods {unknown[0]}: no such method: there are {', '.join((*METHODS, *NAMES))}; others come by "
                 "--results-from"
             )
-        return [METHODS.get(name, name) for name in names]
+        chosen = [METHODS.get(name, name) for name in names]
+        check_painting(chosen)
+        return chosen
 
 
 def run_bench(options: BenchOptions) -> None:
     """Run everything that is missing, and write tables, page, pictures and replays; print the tables' heads."""
     from acp_lab.bench.outside import outside_runs, roots_by_name
     from acp_lab.bench.report import Report
+    from acp_lab.commands.bench_parts import prepare_missing
     from acp_lab.commands.machine import cores, cpu_model
+    from acp_lab.commands.prepare import Spread
     from acp_lab.locks import only_writer
     from acp_lab.sample import sample_dataset
 
@@ -110,7 +113,9 @@ def run_bench(options: BenchOptions) -> None:
     sequences = {name: _sequences(root, options.split) for name, root in roots.items()}
     parts = options.parts or options.out / "parts"
     with only_writer(options.out / "bench.csv", "this bench"):
-        _prepare(roots, sequences, methods, parts, options.split)
+        spread = Spread(options.jobs, options.scheduler)
+        for name, root in roots.items():
+            prepare_missing(root, options.split, parts / name, sequences[name], methods, spread)
         tasks = _tasks(roots, sequences, methods, variants, parts, options.split)
         runs = _run(tasks, options) + outside
         if not any(len(run.frame_ids) for run in runs):
@@ -130,45 +135,6 @@ def _sequences(root: Path, split: str) -> list[SequenceKey]:
     return found
 
 
-def _prepare(
-    roots: dict[str, Path],
-    sequences: dict[str, list[SequenceKey]],
-    methods: Sequence[Method | str],
-    parts: Path,
-    split: str,
-) -> None:
-    """Prepare what is not there, into one folder per data set."""
-    from acp_lab.bench.protocol import Variant, task_of
-    from acp_lab.bench.runner import check
-    from acp_lab.sequences.bop import BopDataset
-
-    for name, root in roots.items():
-        for object_id in dict.fromkeys(key.object_id for key in sequences[name]):
-            first = next(key for key in sequences[name] if key.object_id == object_id)
-            mesh = BopDataset(root).part_path(object_id)
-            # The richest first: "both" holds templates, and a part with templates alone would do for a method that
-            # takes the best that is there.
-            for generator in sorted({_generator_of(method) for method in methods}, key=_RICHEST_FIRST.index):
-                try:
-                    for method in methods:
-                        if _generator_of(method) == generator:
-                            check(task_of(root, split, parts / name, first, method, Variant()))
-                except PreparationError:
-                    if not generator:
-                        raise
-                    _prepare_one(mesh, parts / name, generator)
-
-
-def _prepare_one(mesh: Path, out: Path, generator: str) -> None:
-    from acp_lab.bench.runner import forget_parts
-    from acp_lab.commands.prepare import prepare_parts
-    from acp_lab.prepared_part import PrepareOptions
-
-    print(f"Preparing {mesh.name} ({generator}; once, then kept) ...", flush=True)
-    prepare_parts([mesh], out, PrepareOptions(generator=generator))
-    forget_parts()
-
-
 def _install_peers() -> None:
     from acp_lab.bench.rapid.environment import folder, install
 
@@ -178,17 +144,6 @@ def _install_peers() -> None:
 
 def _name(method: Method | str) -> str:
     return method if isinstance(method, str) else method.name
-
-
-def _generator_of(method: Method | str) -> str:
-    """What a part must be prepared with; "" for nothing."""
-    from acp_lab.tracking.sources.rigid import CadSamples
-
-    if isinstance(method, str):
-        return ""
-    if isinstance(method.source, CadSamples):
-        return "templates" if method.source.generator == "templates" else "both"
-    return "autoencoder"
 
 
 def _tasks(

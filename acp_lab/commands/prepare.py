@@ -1,34 +1,57 @@
-"""`acp-lab prepare`: CAD models to prepared parts. Import it after the thread limits are set: it imports NumPy."""
+"""`acp-lab prepare`: CAD models to prepared parts, one after the other or spread over processes and machines.
+
+Import it after the thread limits are set: it imports NumPy.
+"""
 
 from __future__ import annotations
 
 import importlib
+import json
+import os
 import re
 import time
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
+from acp_lab.bench.workers import each
 from acp_lab.cad.models_info import read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.commands import interrupt
 from acp_lab.commands.console import Progress, warn
+from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import InputFileError, PreparationError
 from acp_lab.preparation import prepare
-from acp_lab.prepared_part import PreparedPart, PrepareOptions, part_folder, read_header
+from acp_lab.prepared_part import PrepareOptions, part_folder, read_header
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Who prepares: processes on this machine, of some threads each, or the workers of a dask scheduler's address."""
+
+    workers: int = 1
+    scheduler: str | None = None
+    threads: int = 1
+
+    def is_alone(self, parts: int) -> bool:
+        """Whether this process does it all: also a single part, whose stages it then shows."""
+        return self.scheduler is None and min(self.workers, parts) == 1
 
 
 def prepare_parts(
-    meshes: Sequence[Path], out: Path, options: PrepareOptions | None = None, unit: str = "mm"
-) -> tuple[PreparedPart, ...]:
-    """Prepare every mesh into a folder of `out` named after its file, and print one line for each; the parts.
+    meshes: Sequence[Path], out: Path, options: PrepareOptions | None = None, unit: str = "mm",
+    spread: Spread = Spread(),
+) -> None:  # fmt: skip
+    """Prepare every mesh into a folder of `out` named after its file, and print one line for each.
 
     All meshes are read before the first is prepared, so that a bad one costs no time. unit: of their numbers.
 
     Raises:
         InputFileError: a mesh that cannot be read, two of the same name, or `out` is a file.
         PreparationError: the part was prepared before in another unit.
+        ParameterError: `spread` makes no sense, or no scheduler answers.
     """
     _check_places(meshes, out)
     interrupt.check()
@@ -39,15 +62,46 @@ def prepare_parts(
     for part in parts:
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
-    prepared = []
-    for part in parts:
-        start = time.perf_counter()
-        with Progress(f"{part.name}: ") as progress:
-            prepared.append(prepare(part, options, out=out, progress=progress))
-        print(f"{out / part.name}: prepared in {time.perf_counter() - start:.1f} s", flush=True)
+    if spread.is_alone(len(parts)):
+        for part in parts:
+            start = time.perf_counter()
+            with Progress(f"{part.name}: ") as progress:
+                prepare(part, options, out=out, progress=progress)
+            _tell(out / part.name, time.perf_counter() - start)
+    else:
+        _prepare_elsewhere(meshes, out, options or PrepareOptions(), unit, spread)
     # Its loops are compiled when it is first imported on a machine: now, not before somebody's first frame.
     importlib.import_module("acp_lab.tracking.tracker")
-    return tuple(prepared)
+
+
+def _prepare_elsewhere(
+    meshes: Sequence[Path], out: Path, options: PrepareOptions, unit: str, spread: Spread
+) -> None:
+    job = {"out": os.path.abspath(out), "options": asdict(options), "unit": unit, "threads": spread.threads}
+    asked = {str(mesh): json.dumps({**job, "mesh": os.path.abspath(mesh)}) for mesh in dict.fromkeys(meshes)}
+    with Progress() as progress:
+        done = each(prepare_mesh, asked, workers=spread.workers, scheduler=spread.scheduler)
+        for number, (name, seconds) in enumerate(done, start=1):
+            interrupt.check()
+            _tell(out / Path(name).stem, float(seconds))
+            progress("parts", number, len(asked))
+
+
+def prepare_mesh(text: str) -> str:
+    """Prepare the mesh of a JSON text; the seconds that it took, as text. What a worker process is asked for.
+
+    Raises AcpLabError as `preparation.prepare`.
+    """
+    job = json.loads(text)
+    limit_threads(job["threads"])
+    start = time.perf_counter()
+    part = read_part(Path(job["mesh"]), job["unit"])
+    prepare(part, PrepareOptions.from_json(job["options"]), out=Path(job["out"]))
+    return str(time.perf_counter() - start)
+
+
+def _tell(folder: Path, seconds: float) -> None:
+    print(f"{folder}: prepared in {seconds:.1f} s", flush=True)
 
 
 def _check_places(meshes: Sequence[Path], out: Path) -> None:

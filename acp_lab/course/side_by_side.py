@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 from collections.abc import Iterable
+from pathlib import Path
 
-from acp_lab.bench.protocol import SequenceKey, Variant, task_of
+from acp_lab.bench.protocol import Variant
 from acp_lab.bench.report import Report
-from acp_lab.bench.spread import complete
-from acp_lab.course.workshop import SAMPLE_OBJECT, files_folder, sample_scene
-from acp_lab.errors import ParameterError
-from acp_lab.sample import sample_dataset
-from acp_lab.tracking.method import method_named
+from acp_lab.bench.workbench import Workbench
+from acp_lab.course.workshop import files_folder, sample_scene
+from acp_lab.files import write_whole
+from acp_lab.input_file import read_json_object
+
+BACKWARDS = "backwards"
+
+
+def workbench(quick: bool = True) -> Workbench:
+    """The sample, and its images in the other order, as two data sets of one sequence each.
+
+    quick: which of the prepared samples, see `workshop.sample_model`; it must be there.
+    """
+    folder = files_folder()
+    parts = folder / ("parts_quick" if quick else "parts")
+    roots = {"sample": sample_scene().dataset.root, BACKWARDS: _backwards(folder / BACKWARDS)}
+    return Workbench(roots, dict.fromkeys(roots, parts), folder / ("bench_quick" if quick else "bench"))
 
 
 def compare(
@@ -26,16 +42,26 @@ def compare(
     Raises:
         AcpLabError: no method is chosen, or one is none, or the sample is not prepared for it.
     """
-    methods = list(methods)
-    if not methods:
-        raise ParameterError("no method to compare: choose one or more")
-    key = SequenceKey("sample", sample_scene().scene_id, SAMPLE_OBJECT)
-    parts = files_folder() / ("parts_quick" if quick else "parts")
     variants = [Variant(step, off, off, seed, resets) for seed in range(starts if off else 1)]
-    tasks = [
-        task_of(sample_dataset(), "test", parts, key, method_named(name), variant)
-        for name in methods
-        for variant in variants
-    ]
-    folder = files_folder() / ("bench_quick" if quick else "bench")
-    return Report.of(complete(tasks, folder, workers=1), "this one")
+    bench = workbench(quick)
+    return bench.compare(methods, [key for key in bench.sequences if key.dataset == "sample"], variants)
+
+
+def _backwards(root: Path) -> Path:
+    """The sample's data set with its images in the other order; made when it is missing."""
+    scene = sample_scene()
+    folder = root / "test" / scene.folder.name
+    if (folder / "scene_gt.json").exists():
+        return root
+    (folder / "rgb").mkdir(parents=True, exist_ok=True)
+    shutil.copytree(scene.dataset.root / "models", root / "models", dirs_exist_ok=True)
+    other = dict(zip(map(str, scene.frame_ids), map(str, reversed(scene.frame_ids)), strict=True))
+    for frame_id, path in scene.image_paths.items():
+        target = folder / "rgb" / f"{int(other[str(frame_id)]):06d}{path.suffix}"
+        shutil.copyfile(path, target.with_suffix(".part"))
+        os.replace(target.with_suffix(".part"), target)
+    for name in ("scene_camera.json", "scene_gt.json"):  # the truth last: with it the data set is complete
+        content = read_json_object(scene.folder / name, "install acp_lab again")
+        turned = {other[frame_id]: entry for frame_id, entry in content.items()}
+        write_whole(folder / name, json.dumps(turned).encode(), "the sample backwards")
+    return root

@@ -17,7 +17,7 @@ import numpy as np
 
 from acp_lab.bench.peers import PAPER_TABLES
 from acp_lab.bench.record import Run
-from acp_lab.bench.report import HEAD, LEGEND, Report, cells, paper_lines
+from acp_lab.bench.report import BASIN_LEGEND, HEAD, LEGEND, Report, basin_tables, cells, paper_lines
 from acp_lab.bench.runner import true_pose
 from acp_lab.display.colours import GREEN, VERMILLION, to_bytes
 from acp_lab.display.mesh_lines import MeshLines
@@ -100,10 +100,14 @@ def dataset_frame(dataset: BopDataset, scene_id: int, split: str, frame_id: int)
 
 def write_page(report: Report, path: Path, pictures: Sequence[Thumbnail], replays: Mapping[str, Path]) -> None:
     """Write the page; replays: files below the page's folder by what they show. InputFileError."""
-    svg = figure_svg(bench_figure(report.runs, report.rows))
+    svg = figure_svg(bench_figure(report.runs, report.rows, report.basins))
     tables = "".join(
         f"<h2>{escape(group)}: {escape(how)}</h2>{_table(HEAD, [cells(row) for row in rows])}"
         for group, how, rows in report.blocks()
+    )
+    tables += "".join(
+        f"<h2>{escape(group)}: basin of convergence</h2><p class='note'>{escape(BASIN_LEGEND)}</p>{_table(head, rows)}"
+        for group, head, rows in basin_tables(report)
     )
     shown = "".join(
         f'<figure><img alt="" src="data:image/jpeg;base64,{base64.b64encode(picture.jpeg).decode()}">'

@@ -50,6 +50,7 @@ def header_of(model: PreparedPart) -> dict[str, Any]:
         "seed": model.seed,
         "options": {generator: asdict(options) for generator, options in model.options.items()},
         "generators": _generators(model),
+        "cpu_s": {stage: round(value, 3) for stage, value in model.cpu_s.items()},
     }
     if model.regressed_points:
         header["control_points"] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,8 @@ class PreparedPart:
         regressed_points: the regressed W (4, 3) mm of each region.
         autoencoders: the paper's edge image generators that were trained.
         options: what it was prepared with, the latest for each generator that was asked for.
+        cpu_s: CPU seconds of all threads that each stage of preparation took, by its name; stages of parts prepared
+            by earlier versions are missing.
     """
 
     part: Part
@@ -61,6 +63,11 @@ class PreparedPart:
     regressed_points: Trained[FloatArray, RegressionValues] = field(default_factory=Trained)
     autoencoders: Trained[RegionAutoencoder, AutoencoderReport] = field(default_factory=Trained)
     options: Mapping[str, PrepareOptions] = field(default_factory=dict)
+    cpu_s: Mapping[str, float] = field(default_factory=dict)
+
+    def took(self, stage: str, cpu_s: float) -> PreparedPart:
+        """The same, some CPU seconds of a stage later."""
+        return replace(self, cpu_s={**self.cpu_s, stage: self.cpu_s.get(stage, 0.0) + cpu_s})
 
     @property
     def generator_names(self) -> tuple[str, ...]:
@@ -177,6 +184,7 @@ class PreparedPart:
                     generator: PrepareOptions.from_json(values)
                     for generator, values in header.get("options", {}).items()
                 },
+                cpu_s={stage: float(value) for stage, value in header.get("cpu_s", {}).items()},
             )
         except (
             OSError,

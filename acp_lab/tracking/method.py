@@ -51,6 +51,7 @@ from acp_lab.tracking.start import TrustedStart
 from acp_lab.tracking.states import StateConfig
 from acp_lab.tracking.targets.contour_regions import ContourRegions
 from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
+from acp_lab.tracking.targets.edge_confidence import EdgeConfidence
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tones import ToneMatching
@@ -58,7 +59,7 @@ from acp_lab.tracking.uncertainty import PoseUncertainty
 
 Source = CadSamples | PaintedSamples | PaintedRidges
 Variables = ControlPointVariables | PoseVariables
-TargetConfig = DistanceMap | NormalSearch | RegionLines | ContourRegions
+TargetConfig = DistanceMap | NormalSearch | RegionLines | ContourRegions | EdgeConfidence
 Schedule = PixelSchedule | ShareSchedule
 PriorConfig = ControlPointDamping | RigidityPrior | MotionPrior | TikhonovPrior
 SolverConfig = GaussNewton | LevenbergMarquardt | Adam
@@ -102,7 +103,7 @@ class Method:
         searches = any(target.searches for target in self.targets)
         judges_matches = any(isinstance(target, NormalSearch) for target in self.targets[:1])
         learns_samples = isinstance(self.learning, SampleLearning)
-        sees_contours = any(isinstance(target, ContourRegions) for target in self.targets)
+        sees_contours = any(isinstance(target, ContourRegions | EdgeConfidence) for target in self.targets)
         binds_levels = any(isinstance(target, NormalSearch) and target.bind == "level" for target in self.targets)
         sees_regions = any(isinstance(target, RegionLines) for target in self.targets)
         varies_points = isinstance(self.variables, ControlPointVariables)
@@ -138,11 +139,12 @@ class Method:
             ),
             (
                 not sees_contours or not isinstance(self.learning, Off),
-                'targets.kind = "contour-regions": its colours must be learnt: give learning.kind = "targets"',
+                'targets.kind = "contour-regions", "edge-confidence": colours must be learnt: '
+                'give learning.kind = "targets"',
             ),
             (
                 not sees_contours or self.source.knows_samples,
-                'targets.kind = "contour-regions": needs outlines: give source.kind = "cad-samples"',
+                'targets.kind = "contour-regions", "edge-confidence": needs outlines: give source.kind = "cad-samples"',
             ),
             (
                 not isinstance(self.learning, TargetLearning) or sees_contours,
@@ -152,6 +154,11 @@ class Method:
                 not (self._regenerates and binds_levels),
                 'targets.bind = "level": follows the edges of a level, but variables.direction generates others at '
                 'every step: give bind = "step", or direction = "homography"',
+            ),
+            (
+                not (self._regenerates and sees_contours),
+                "variables.direction: generates other edges at every step, but colours follow those of a level: give "
+                'direction = "homography"',
             ),
             (
                 isinstance(self.confidence, Off) or judges_matches,
@@ -304,12 +311,31 @@ REGION = Method(
     states=AGREEMENT_STATES,
 )
 
+SLET = replace(
+    REGION,
+    name="slet",
+    summary="image edges across the outline, each as sure as its colours and its distance make it (SLET)",
+    targets=(EdgeConfidence(),),
+    schedule=PixelSchedule(
+        (Level(24, 12.0, 200), Level(16, 6.0, 200), Level(10, 3.0, 200), Level(8, 2.0, 200), Level(6, 1.5, 200))
+    ),
+)
+REGION_POINTS = replace(
+    REGION,
+    name="region-points",
+    summary="the paper's future work: control points optimised on regions, eight coordinates by homography",
+    variables=ControlPointVariables(),
+    priors=(TikhonovPrior(), RigidityPrior(0.05)),
+)
+
 METHODS: dict[str, Method] = {
     method.name: method
     for method in (
         ACP,
         ACP_EDGES,
         REGION,
+        REGION_POINTS,
+        SLET,
         ACP_PAPER,
         ACP_PAPER_LITERAL,
         ACP_PAPER_SAMPLES,

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from acp_lab.bench.workers import each
 from acp_lab.geometry.pose import rotation_angle_deg
 from data_recipes.bop_writer import (
     Model,
@@ -23,7 +27,7 @@ from data_recipes.bop_writer import (
 from data_recipes.command import note
 from data_recipes.metal.cad_parts import CadPart, make_part
 from data_recipes.metal.path_traced import path_tracer
-from data_recipes.metal.plan import Plan
+from data_recipes.metal.plan import Plan, SceneConfig
 from data_recipes.metal.render import Picture, Renderer
 from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal.sensor import make_sensor
@@ -32,27 +36,50 @@ FPS = 30.0
 
 
 def render_dataset(
-    out: Path, plans: Sequence[Plan], suffix: str, force: bool = False, spp: int | None = None
+    out: Path,
+    plans: Sequence[Plan],
+    suffix: str,
+    force: bool = False,
+    spp: int | None = None,
+    workers: int = 1,
+    scheduler: str | None = None,
 ) -> None:
     """Render all planned sequences into the BOP data set `out`.
 
-    suffix: ".jpg" or ".png". spp: samples per pixel of a path tracer; None for our own renderer. Raises InputFileError
-    when `out` exists and force is not set, and when there is no path tracer.
+    suffix: ".jpg" or ".png". spp: samples per pixel of a path tracer; None for our own renderer. workers, scheduler:
+    who renders, see `workers.each`; what is rendered does not depend on it. Raises InputFileError when `out` exists
+    and force is not set, and when there is no path tracer; ParameterError where no scheduler answers.
     """
     names = list(dict.fromkeys(plan.part for plan in plans))
-    parts = {name: make_part(name) for name in names}
     with new_dataset(out, force) as root:
-        write_models(root, {number: bop_model(part) for number, part in enumerate(parts.values(), start=1)})
+        models = {number: bop_model(_part(name)) for number, name in enumerate(names, start=1)}
+        write_models(root, models)
+        asked = {}
         for number, plan in enumerate(plans, start=1):
-            folder = root / "test" / f"{number:06d}"
-            (folder / "rgb").mkdir(parents=True)
-            start = time.perf_counter()
-            scene = make_scene(parts[plan.part], plan.config)
-            renderer = Renderer(scene) if spp is None else path_tracer(scene, spp)
-            _render_scene(folder, scene, renderer, names.index(plan.part) + 1, suffix)
-            write_json(folder / "scene_meta.json", _meta(scene, number, names.index(plan.part) + 1, parts[plan.part]))
-            each = (time.perf_counter() - start) / plan.config.frames
-            note(f"scene {number}: {plan.part}, {plan.config.kind}, {each:.1f} s per frame")
+            told = {"number": number, "object_id": names.index(plan.part) + 1, "suffix": suffix, "spp": spp}
+            asked[f"scene {number}"] = json.dumps({"root": str(root.resolve()), **told, **asdict(plan)})
+        for name, seconds in each(render_scene, asked, workers=workers, scheduler=scheduler):
+            plan = plans[int(name.split()[1]) - 1]
+            per_frame_s = float(seconds) / plan.config.frames
+            note(f"{name}: {plan.part}, {plan.config.kind}, {per_frame_s:.1f} s per frame")
+
+
+def render_scene(text: str) -> str:
+    """Render the sequence of a JSON text into its data set; the seconds that it took. What a worker is asked for."""
+    start, told = time.perf_counter(), json.loads(text)
+    number, object_id, spp = told["number"], told["object_id"], told["spp"]
+    folder, part = Path(told["root"]) / "test" / f"{number:06d}", _part(told["part"])
+    (folder / "rgb").mkdir(parents=True, exist_ok=True)  # it may be there of a worker that died
+    scene = make_scene(part, SceneConfig(**told["config"]))
+    renderer = Renderer(scene) if spp is None else path_tracer(scene, spp)
+    _render_scene(folder, scene, renderer, object_id, told["suffix"])
+    write_json(folder / "scene_meta.json", _meta(scene, number, object_id, part))
+    return str(time.perf_counter() - start)
+
+
+@lru_cache(maxsize=8)
+def _part(name: str) -> CadPart:
+    return make_part(name)
 
 
 def bop_model(part: CadPart) -> Model:

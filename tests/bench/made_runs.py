@@ -25,5 +25,5 @@ def made_run(
     return Run(
         method, "state", sequence or SequenceKey("made", 1, 1), variant or Variant(), kind, "ADD",
         tuple(range(1, count + 1)), np.array(errors, float), np.zeros(count), np.zeros(count), np.full(count, ms),
-        np.ones(count), poses, resets, (640, 480), 1, 200.0, "cpu",
+        np.ones(count), poses, resets, (640, 480), 1, 200.0, 12.0, "cpu",
     )  # fmt: skip

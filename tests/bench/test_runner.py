@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import weakref
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from acp_lab.geometry.pose import disturb_pose, rotation_angle_deg, transform
 from acp_lab.machine import peak_memory_mb
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sample import sample_dataset
+from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.method import ACP, ACP_EDGES, METHODS
 from acp_lab.tracking.result import Timings, TrackResult, TrackState
@@ -110,9 +114,12 @@ def test_every_third_frame_is_every_third_frame(monkeypatch: pytest.MonkeyPatch)
     assert run(sample_task(Variant(step=3))).frame_ids == sample_scene().frame_ids[::3][1:]
 
 
-def test_a_refused_start_is_a_run_without_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("refusal", [TrackingError, PreparationError])
+def test_a_refused_start_is_a_run_without_poses(
+    monkeypatch: pytest.MonkeyPatch, refusal: type[TrackingError | PreparationError]
+) -> None:
     def refuse(*_: object) -> None:
-        raise TrackingError("the part is not seen")
+        raise refusal("the part is not seen")
 
     monkeypatch.setattr(ErringTracker, "start", refuse)
     monkeypatch.setattr(runner, "Tracker", ErringTracker)
@@ -146,3 +153,46 @@ def test_a_part_without_the_generator_is_refused_before_anything_runs() -> None:
 def test_the_defaults_of_a_task_are_the_methods(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sample_task().settings() == ACP_EDGES
     assert sample_task(method="acp").settings() == ACP
+
+
+def test_a_long_scene_is_read_frame_by_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What fits stays decoded for the next run, and no more than that; nothing holds on to the others."""
+    monkeypatch.setattr(runner, "Tracker", ErringTracker)
+    monkeypatch.setattr(runner, "DECODED_MB", 3 * 3 * 640 * 512 / 1e6)
+    runner._opened.cache_clear()
+    alive: list[weakref.ref[Frame]] = []
+    most = 0
+    read = BopScene.frame
+
+    def watched(scene: BopScene, frame_id: int) -> Frame:
+        nonlocal most
+        frame = read(scene, frame_id)
+        assert isinstance(frame, Frame)
+        alive.append(weakref.ref(frame))
+        most = max(most, sum(one() is not None for one in alive))
+        return frame
+
+    monkeypatch.setattr(BopScene, "frame", watched)
+    count = len(sample_scene().frame_ids)
+    run(sample_task())
+    assert len(alive) == count
+    assert most <= 3 + 2
+    run(sample_task())
+    assert len(alive) == 2 * count - 3  # the three that fit were not read again
+    runner._opened.cache_clear()
+
+
+def test_a_method_is_charged_with_what_it_needs() -> None:
+    assert runner.stages_of(METHODS["region"]) == ("edges", "templates")
+    assert runner.stages_of(ACP) == ("edges", "templates", "networks", "views")
+    assert runner.stages_of(METHODS["acp-paper"]) == ("edges", "control points", "auto-encoder")
+
+
+def test_preparation_of_earlier_parts_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "Tracker", ErringTracker)
+    spent = dict.fromkeys(("edges", "templates", "networks", "views"), 2.5)
+    for cpu_s, expected in ((spent, 10.0), ({}, math.nan)):
+        model = replace(sample_model(), cpu_s=cpu_s)
+        monkeypatch.setattr(PreparedPart, "load", lambda *_, model=model: model)
+        runner.forget_parts()
+        assert run(sample_task()).prepare_s == pytest.approx(expected, nan_ok=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acp_lab.bench import spread
+from acp_lab.bench import spread, workers
 from acp_lab.bench.protocol import SequenceKey, Task, Variant, task_of
 from acp_lab.bench.record import read_run
 from acp_lab.bench.runner import run
@@ -109,9 +110,41 @@ def test_a_worker_that_is_killed_costs_only_what_it_had_in_hand(
 
 
 @pytest.mark.slow
+def test_a_bench_that_is_killed_costs_only_what_was_in_hand_and_leaves_no_process(
+    tasks: list[Task], tmp_path: Path
+) -> None:
+    psutil = pytest.importorskip("psutil")
+    root, out = Path(tasks[0].dataset), tmp_path / "out"
+    parts = tmp_path / "parts"
+    shutil.copytree(tasks[0].parts, parts / "boxes")
+    words = ("bench", root, "--methods", "acp-edges", "--noise", "1,1", "--seeds", "40", "--parts", parts, "--out", out)
+    environment = {**os.environ, "PYTHONPATH": str(PROJECT)}
+    command = [sys.executable, "-m", "acp_lab", *map(str, words), "--jobs", "2"]
+    bench = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while len(kept := list((out / "runs").glob("*.json"))) < 3:
+        assert bench.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    family = psutil.Process(bench.pid).children(recursive=True)
+    bench.kill()
+    bench.wait(timeout=30)
+    _, alive = psutil.wait_procs(family, timeout=30)
+    assert len(family) >= 2
+    assert alive == []
+    kept = sorted((out / "runs").glob("*.json"))
+    assert 3 <= len(kept) < 82
+    written = {path: path.stat().st_mtime_ns for path in kept}
+    assert all(read_run(path) is not None for path in kept)  # none is torn
+    assert subprocess.run([*command[:-2], "--jobs", "1"], env=environment, check=False).returncode == 0
+    assert len(list((out / "runs").glob("*.json"))) == 82
+    assert {path: path.stat().st_mtime_ns for path in kept} == written
+
+
+@pytest.mark.slow
 def test_all_ports_are_of_this_machine_alone() -> None:
     psutil = pytest.importorskip("psutil")
-    with spread._this_machine(2, 2):
+    with workers._this_machine(2, 2):
         family = [psutil.Process(), *psutil.Process().children(recursive=True)]
         ports = [port for process in family for port in process.net_connections() if port.status == "LISTEN"]
     assert len(ports) >= 3
@@ -122,7 +155,7 @@ def test_one_process_opens_no_port(tasks: list[Task], tmp_path: Path, monkeypatc
     def refuse(*_: object) -> None:
         raise AssertionError("a cluster was asked for")
 
-    monkeypatch.setattr(spread, "_this_machine", refuse)
+    monkeypatch.setattr(workers, "_this_machine", refuse)
     (found,) = complete(tasks[:1], tmp_path, workers=1)
     assert_same(found, run(tasks[0]))
 
@@ -132,7 +165,7 @@ def test_what_is_kept_is_not_run_again_unless_the_method_changed(
 ) -> None:
     asked: list[Task] = []
 
-    def new_runs(missing: list[Task], workers: int, scheduler: str | None):  # type: ignore[no-untyped-def]
+    def new_runs(missing: list[Task], processes: int, scheduler: str | None):  # type: ignore[no-untyped-def]
         for task in missing:
             asked.append(task)
             made = made_run([0.01], task.method_name, task.sequence, task.variant)
@@ -160,7 +193,7 @@ def test_what_is_kept_is_not_run_again_unless_the_method_changed(
 
 
 def test_nobody_at_the_address(tasks: list[Task], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spread, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(workers, "_CONNECT_S", 0.5)
     start = time.monotonic()
     with pytest.raises(ParameterError, match=r"--scheduler tcp://127\.0\.0\.1:9: no dask scheduler"):
         complete(tasks, tmp_path, scheduler="tcp://127.0.0.1:9")

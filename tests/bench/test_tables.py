@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acp_lab.bench.basins import basins
 from acp_lab.bench.outside import outside_runs, roots_by_name, tracker_and_dataset
 from acp_lab.bench.peers import PAPER_TABLES, PEERS, peer_of, stands_for
 from acp_lab.bench.protocol import SequenceKey, Variant
@@ -194,7 +195,7 @@ def test_the_page_holds_everything_and_asks_for_nothing(tmp_path: Path) -> None:
     assert "<svg" in page
     assert "Table III" in page
     # Namespaces and licences of SVG are names, nothing is fetched.
-    assert "src=\"http" not in page
+    assert 'src="http' not in page
     assert "<script" not in page
     assert "<link" not in page
 
@@ -212,4 +213,43 @@ def test_a_page_without_data_for_a_plot_says_what_would_fill_it(tmp_path: Path) 
 def test_a_bench_without_times_or_memory_has_dashes() -> None:
     run = made_run(GOOD, ms=math.nan)
     line = next(line for line in markdown(Report.of([run], "")).splitlines() if line.startswith("| acp |"))
-    assert line.endswith("| - | - | 200 |")
+    assert line.endswith("| - | - | 200 | 12.0 |")
+
+
+def test_basins_count_the_runs_that_come_to_the_part(tmp_path: Path) -> None:
+    late, never, lost_later = [0.2] * 5 + [0.01] * 15, [0.2] * 20, [0.01] * 12 + [0.5] * 8
+    off = [Variant(noise_deg=5.0, noise_mm=5.0, seed=seed) for seed in range(2)]
+    first, second = sequences(2)
+    runs = [made_run(GOOD, "a", first), made_run(late, "a", first, off[0]), made_run(never, "a", first, off[1])]
+    runs += [made_run(lost_later, "a", second, how) for how in off] + [made_run([0.01] * 3, "b", first, off[0])]
+    found = {(basin.method, basin.variant.start): basin for basin in basins(runs)}
+    assert found["a", "truth"].found.mean == 1.0
+    assert found["a", off[0].start].found.mean == pytest.approx(0.75)  # a half of the first sequence, all of the second
+    assert (found["a", off[0].start].runs, found["b", off[0].start].runs) == (4, 1)
+    report = Report.of(runs, "")
+    report.write(tmp_path)
+    told = json.loads((tmp_path / "bench.json").read_text())["basins"]
+    assert [row["found"] for row in told] == [1.0, 0.75, 1.0]
+    text = markdown(report)
+    assert "## made: basin of convergence" in text
+    assert "| b | - | 100.0 [100.0, 100.0] |" in text
+    write_page(report, tmp_path / "index.html", [], {})
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "basin of convergence" in page
+    assert "give --noise to see this" not in page
+
+
+def test_without_disturbed_starts_there_is_no_basin() -> None:
+    assert basins([made_run(GOOD)]) == ()
+    assert basins([made_run(GOOD, variant=Variant(noise_deg=5.0, resets=True))]) == ()
+
+
+def test_preparation_is_averaged_over_parts_where_it_is_known() -> None:
+    runs = [made_run(GOOD, sequence=key) for key in sequences(3)]
+    for run, seconds in zip(runs, (10.0, 10.0, math.nan), strict=True):
+        object.__setattr__(run, "prepare_s", seconds)
+    other = made_run(GOOD, sequence=SequenceKey("made", 4, 2))
+    object.__setattr__(other, "prepare_s", 30.0)
+    assert table(runs[:2])[0].prepare_s == 10.0
+    assert table([*runs[:2], other])[0].prepare_s == pytest.approx(20.0)
+    assert math.isnan(table(runs[2:])[0].prepare_s)

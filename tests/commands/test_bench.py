@@ -10,8 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acp_lab.commands.bench import _RICHEST_FIRST, BenchOptions, _generator_of
+from acp_lab.commands import bench_parts
+from acp_lab.commands.bench import BenchOptions
+from acp_lab.commands.bench_parts import RICHEST_FIRST, generator_of
+from acp_lab.commands.prepare import Spread
 from acp_lab.display.replay.file import check_replay
+from acp_lab.prepared_part import PrepareOptions
 from acp_lab.tracking.method import METHODS
 from tests.cli_runner import assert_one_error, run
 from tests.commands.conftest import FRAME_IDS, edit_json, true_pose
@@ -100,6 +104,7 @@ def test_two_instances_of_one_part_are_two_sequences(
         (("--results-from", "Theirs__other.csv"), "Theirs__DATASET.csv"),
         (("--noise", "2;2"), "--noise 2;2"),
         (("--noise", "200,1"), "--noise 200,1"),
+        (("--methods", "acp-paper,acp-paper-literal"), "paint in different frames"),
         (("--scheduler", "tcp://127.0.0.1:9"), "--scheduler tcp://127.0.0.1:9"),
     ],
 )
@@ -108,7 +113,7 @@ def test_bad_usage(
     monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("acp_lab.bench.spread._CONNECT_S", 0.5)
+    monkeypatch.setattr("acp_lab.bench.workers._CONNECT_S", 0.5)
     common = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", "out")
     assert_one_error(run(capsys, *common, *words), expected)
     assert not (tmp_path / "out" / "bench.csv").exists()
@@ -141,6 +146,24 @@ def test_no_start_is_run_twice(tmp_path: Path, noise: tuple[str, ...], count: in
 
 def test_what_is_prepared_does_not_depend_on_the_order_of_methods() -> None:
     chosen = [METHODS[name] for name in ("region", "acp")]
-    assert [_generator_of(method) for method in chosen] == ["templates", "both"]
-    assert _RICHEST_FIRST.index("both") < _RICHEST_FIRST.index("templates")
-    assert {_generator_of(method) for method in METHODS.values()} <= set(_RICHEST_FIRST)
+    assert [generator_of(method) for method in chosen] == ["templates", "both"]
+    assert RICHEST_FIRST.index("both") < RICHEST_FIRST.index("templates")
+    assert {generator_of(method) for method in METHODS.values()} <= set(RICHEST_FIRST)
+
+
+def test_parts_are_prepared_together_for_what_their_methods_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[list[Path], PrepareOptions, Spread]] = []
+    monkeypatch.setattr(
+        "acp_lab.commands.prepare.prepare_parts",
+        lambda meshes, out, options, spread: asked.append((meshes, options, spread)),
+    )
+    meshes = [Path("obj_000001.ply"), Path("obj_000004.ply")]
+    monkeypatch.setattr(bench_parts, "_lacking", lambda *_: iter(meshes))
+    spread = Spread(3)
+    for name, frame in (("acp-paper", "pose"), ("acp-paper-literal", "prediction"), ("acp-paper-samples", "pose")):
+        asked.clear()
+        methods = [METHODS["region"], METHODS[name], METHODS["acp"]]
+        bench_parts.prepare_missing(Path("data"), "test", Path("parts"), [], methods, spread)
+        assert [options.generator for _, options, _ in asked] == ["both", "autoencoder", "templates"]
+        assert asked[1][1].painting_frame == frame
+        assert all(found == meshes and how is spread for found, _, how in asked)

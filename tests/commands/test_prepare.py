@@ -85,6 +85,55 @@ def test_several_meshes(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh
     assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == ["block", "other"]
 
 
+@pytest.mark.slow
+def test_two_processes_prepare_what_one_prepares(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path
+) -> None:
+    trimesh.creation.box((30.0, 60.0, 20.0)).export(tmp_path / "other.ply")
+    meshes = (mesh, tmp_path / "other.ply")
+    outcomes = [prepare(capsys, tmp_path / f"parts{n}", *meshes, "--jobs", n) for n in "12"]
+    assert [(outcome.status, outcome.err) for outcome in outcomes] == [(0, "")] * 2
+    assert all(outcomes[1].out.count(f"{name}: prepared in") == 1 for name in ("block", "other"))
+    for path in sorted((tmp_path / "parts1").glob("*/*")):
+        one, two = path.read_bytes(), (tmp_path / "parts2" / path.parent.name / path.name).read_bytes()
+        if path.name == "part.json":
+            headers = [json.loads(content) for content in (one, two)]
+            for header in headers:
+                # Times differ, and with them the checksum of the whole.
+                assert set(header.pop("cpu_s")) == {"edges", "templates", "views"}
+                header.pop("checksum")
+            assert headers[0] == headers[1]
+        else:
+            assert one == two
+
+
+@pytest.mark.slow
+def test_what_a_process_cannot_prepare_is_one_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path
+) -> None:
+    trimesh.creation.box((30.0, 60.0, 20.0)).export(tmp_path / "other.ply")
+    assert prepare(capsys, tmp_path / "parts", mesh).status == 0
+    trimesh.creation.box((31.0, 41.0, 21.0)).export(mesh)
+    outcome = prepare(capsys, tmp_path / "parts", mesh, tmp_path / "other.ply", "--jobs", "2")
+    assert_one_error(outcome, "another mesh of the same name", "--no-resume")
+
+
+def test_a_number_of_processes_that_makes_no_sense(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path
+) -> None:
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--jobs", "0"), "--jobs 0: give 1 to 256")
+
+
+def test_the_time_of_preparation_is_kept(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
+    assert prepare(capsys, tmp_path / "parts", mesh).status == 0
+    before = PreparedPart.load(tmp_path / "parts" / "block", mesh).cpu_s
+    assert set(before) == {"edges", "templates", "views"}
+    assert all(0.0 < seconds < 600.0 for seconds in before.values())
+    # A second time there is nothing to do, and nothing is counted twice.
+    assert prepare(capsys, tmp_path / "parts", mesh).status == 0
+    assert PreparedPart.load(tmp_path / "parts" / "block", mesh).cpu_s == before
+
+
 def test_same_stem_of_another_mesh_is_refused_unless_told(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path
 ) -> None:

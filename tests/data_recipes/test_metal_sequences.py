@@ -72,6 +72,16 @@ def test_layout(dataset: Path) -> None:
     assert not [path for path in dataset.parent.iterdir() if path.name.startswith(".")]
 
 
+@pytest.mark.slow
+def test_two_processes_render_what_one_renders(dataset: Path, tmp_path: Path) -> None:
+    options = ("--parts", "slot_block,l_bracket", "--kinds", "regular,occlusion", "--edge-break", "0,0.3")
+    assert run(tmp_path / "two", *options, "--seed", "5", "--jobs", "2") == 0
+    paths = [path.relative_to(dataset) for path in dataset.rglob("*") if path.is_file()]
+    assert len(paths) == 3 + 2 * (2 + 4)
+    for path in paths:
+        assert (tmp_path / "two" / path).read_bytes() == (dataset / path).read_bytes(), path
+
+
 def test_same_seed_same_truth_and_another_seed_another(dataset: Path, tmp_path: Path) -> None:
     options = ("--parts", "slot_block", "--kinds", "regular")
     assert run(tmp_path / "same", *options, "--seed", "5") == 0

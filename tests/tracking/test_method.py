@@ -121,12 +121,12 @@ def test_the_literal_path_lacks_the_four_deviations_and_nothing_else() -> None:
     assert paper == ACP_PAPER_LITERAL
 
 
-OF_CAD_SAMPLES = ("acp", "acp-edges", "region")
+OF_CAD_SAMPLES = ("acp", "acp-edges", "region", "region-points", "slet")
 """Methods that need no auto-encoder."""
 
 
 def test_names_are_those_of_the_methods() -> None:
-    ours, paper = ["acp", "acp-edges", "region"], ["acp-paper", "acp-paper-literal", "acp-paper-samples"]
+    ours, paper = list(OF_CAD_SAMPLES), ["acp-paper", "acp-paper-literal", "acp-paper-samples"]
     assert list(METHODS) == [*ours, *paper, "direct-6dof", "unoptimised-points"]
     for name, method in METHODS.items():
         assert method_named(name) is method
@@ -147,7 +147,8 @@ def test_every_named_method_follows_a_plate(name: str, plate: Flat) -> None:
     off = off_percent(model.part, run, plate.sequence)
     assert max(off) < 7.0
     # The small picture of a thin plate leaves its distance open by some 3%, and what is painted adds some.
-    assert max(off[4:]) < (4.5 if name in OF_CAD_SAMPLES or name.endswith("samples") else 6.0)
+    exact = (name in OF_CAD_SAMPLES and name != "region-points") or name.endswith("samples")
+    assert max(off[4:]) < (4.5 if exact else 6.5)  # a homography adds some, too
     assert frozen_percent(model.part, plate.sequence) > 2 * 7.0
     if name not in OF_CAD_SAMPLES:
         wanted = "mid-section" if name == "unoptimised-points" else "regressed"

@@ -51,7 +51,7 @@ def test_nonsense_is_refused(values: dict[str, int]) -> None:
 
 
 def test_methods_without_a_probability_need_no_proof() -> None:
-    for name, proof in (("acp-paper", 1), ("region", 1), ("direct-6dof", 1), ("acp", 2), ("acp-edges", 2)):
+    for name, proof in (("acp-paper", 1), ("region", 1), ("slet", 1), ("direct-6dof", 1), ("acp", 2), ("acp-edges", 2)):
         assert METHODS[name].states.proof == proof
 
 

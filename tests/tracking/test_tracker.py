@@ -425,7 +425,7 @@ def test_the_best_method_unless_told_otherwise(model: PreparedPart) -> None:
     assert Tracker(model).method is ACP
     assert Tracker(model, "acp").method is METHODS["acp"]
     assert Tracker(model, replace(ACP, name="mine")).name == "mine"
-    with pytest.raises(TrackingError, match="no such method: there are acp, acp-edges, region, acp-paper"):
+    with pytest.raises(TrackingError, match="no such method: there are acp, acp-edges, region, region-points"):
         Tracker(model, "acp-papr")
 
 

@@ -1,4 +1,4 @@
-"""Plots of a bench: accuracy curves, accuracy against time, and how it falls with worse starts and larger steps."""
+"""Plots of a bench: accuracy curves, accuracy against time, how it falls with worse starts and larger steps, basins."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acp_lab.bench.basins import FRAME, Basin
 from acp_lab.bench.protocol import Variant
 from acp_lab.bench.record import Run
 from acp_lab.bench.tables import ALL, Row
@@ -18,17 +19,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PERCENT = 10.0
+_LIGHTER = (
+    "#aec7e8", "#ffbb78", "#98df8a", "#ff9896", "#c5b0d5", "#c49c94", "#f7b6d2", "#c7c7c7", "#dbdb8d", "#9edae5",
+)  # fmt: skip
 
 
-def bench_figure(runs: Sequence[Run], rows: Sequence[Row]) -> Figure:
-    """Four panels in one figure; those without anything to show say what would fill them."""
+def bench_figure(runs: Sequence[Run], rows: Sequence[Row], basins: Sequence[Basin] = ()) -> Figure:
+    """Six panels in one figure; those without anything to show say what would fill them."""
     from matplotlib.figure import Figure as NewFigure
 
-    figure = NewFigure(figsize=(11.0, 7.0), layout="constrained")
-    curves, times, noises, steps = figure.subplots(2, 2).ravel()
+    figure = NewFigure(figsize=(15.0, 7.5), layout="constrained")
+    curves, times, preparing, noises, basin, steps = figure.subplots(2, 3).ravel()
     draw_recall_curves(curves, runs)
     draw_times(times, rows)
     draw_against(noises, rows, "noise_deg", "how far the start is off, degrees", "give --noise to see this")
+    draw_preparing(preparing, rows)
+    draw_basins(basin, basins, list(dict.fromkeys(row.method for row in rows)))
     draw_against(steps, rows, "step", "one of n frames used", "give --steps to see this")
     handles, labels = curves.get_legend_handles_labels()
     if handles:
@@ -61,7 +67,7 @@ def draw_recall_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None 
         if own:
             errors = 100.0 * np.concatenate(own)
             shares = [(errors < limit).mean() for limit in limits]
-            axes.plot(limits, shares, label=method, color=f"C{number}")
+            axes.plot(limits, shares, label=method, color=_colour(number))
     axes.set(xlabel="limit of ADD(-S), % of the diameter", ylabel="share of frames", ylim=(-0.02, 1.02))
     axes.set_title(f"accuracy, {variant or 'from truth'}")
     axes.grid(alpha=0.3)
@@ -71,11 +77,50 @@ def draw_times(axes: Axes, rows: Sequence[Row]) -> None:
     """Recall at 5% against milliseconds per frame, all data together."""
     for number, row in enumerate(_overall(rows)):
         if np.isfinite(row.ms_median):
-            axes.plot(row.ms_median, row.recalls[1].mean, "o", color=f"C{number}")
+            axes.plot(row.ms_median, row.recalls[1].mean, "o", color=_colour(number))
             axes.annotate(row.method, (row.ms_median, row.recalls[1].mean), xytext=(5, 5), textcoords="offset points")
     axes.set(xlabel="ms per frame, median", ylabel="@5%", ylim=(-0.02, 1.08), xlim=(0.0, None))
     axes.margins(x=0.2)
     axes.set_title("accuracy and time")
+    axes.grid(alpha=0.3)
+
+
+def draw_preparing(axes: Axes, rows: Sequence[Row]) -> None:
+    """CPU seconds of preparing a part, one bar per method."""
+    known = [(n, row) for n, row in enumerate(_overall(rows)) if row.prepare_s > 0.0]
+    if not known:
+        _say(axes, "preparation: not counted for these parts")
+        return
+    names, seconds = [row.method for _, row in known], [row.prepare_s for _, row in known]
+    axes.barh(names, seconds, color=[_colour(n) for n, _ in known])
+    axes.invert_yaxis()
+    axes.set(xlabel="CPU seconds per part")
+    axes.set_title("preparation")
+    axes.grid(alpha=0.3, axis="x")
+
+
+def draw_basins(axes: Axes, basins: Sequence[Basin], methods: Sequence[str]) -> None:
+    """Share of runs that come to the part, over how far off they are started; all data, every frame.
+
+    methods: in the order of their colours.
+    """
+    group = ALL if any(basin.group == ALL for basin in basins) else next((basin.group for basin in basins), "")
+    chosen = [basin for basin in basins if basin.group == group and basin.variant.step == 1]
+    if not chosen:
+        _say(axes, "basin: give --noise to see this")
+        return
+    starts = sorted({(basin.variant.noise_deg, basin.variant.noise_mm) for basin in chosen})
+    for number, method in enumerate(methods):
+        own = sorted((basin for basin in chosen if basin.method == method), key=lambda basin: basin.variant.group)
+        if len(own) > 1:
+            at = [starts.index((basin.variant.noise_deg, basin.variant.noise_mm)) for basin in own]
+            middle = np.array([basin.found.mean for basin in own])
+            spans = np.array([(basin.found.low, basin.found.high) for basin in own]).T
+            axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
+    names = [f"{degrees:g}°\n{mm:g} mm" if degrees or mm else "truth" for degrees, mm in starts]
+    axes.set_xticks(range(len(starts)), names)
+    axes.set(ylabel="share of runs", ylim=(-0.02, 1.02))
+    axes.set_title(f"basin: within 5% in frame {FRAME}")
     axes.grid(alpha=0.3)
 
 
@@ -85,18 +130,27 @@ def draw_against(axes: Axes, rows: Sequence[Row], setting: str, name: str, other
     chosen = [row for row in rows if row.group == group and _only(row.variant, setting)]
     methods = list(dict.fromkeys(row.method for row in rows))
     if len({getattr(row.variant, setting) for row in chosen}) < 2:
-        axes.text(0.5, 0.5, otherwise, ha="center", va="center", transform=axes.transAxes, color="0.5")
-        axes.set_axis_off()
+        _say(axes, otherwise)
         return
     for number, method in enumerate(methods):
         own = [row for row in chosen if row.method == method]
         at = [getattr(row.variant, setting) for row in own]
         middle = np.array([row.recalls[1].mean for row in own])
         spans = np.array([(row.recalls[1].low, row.recalls[1].high) for row in own]).reshape(-1, 2).T
-        axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=f"C{number}")
+        axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
     axes.set(xlabel=name, ylabel="@5%", ylim=(-0.02, 1.02))
     axes.set_title(f"@5%: {name}")
     axes.grid(alpha=0.3)
+
+
+def _say(axes: Axes, words: str) -> None:
+    axes.text(0.5, 0.5, words, ha="center", va="center", transform=axes.transAxes, color="0.5")
+    axes.set_axis_off()
+
+
+def _colour(number: int) -> str:
+    """Of a method: the ten of the style, then ten lighter ones."""
+    return f"C{number % 10}" if number % 20 < 10 else _LIGHTER[number % 10]
 
 
 def _methods(runs: Sequence[Run]) -> list[str]:

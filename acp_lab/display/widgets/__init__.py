@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from acp_lab.display.widgets.overlay import Overlay
     from acp_lab.display.widgets.point_canvas import PointCanvas
     from acp_lab.display.widgets.pose_aligner import PoseAligner
+    from acp_lab.display.widgets.run_comparison import RunComparison
     from acp_lab.display.widgets.track_player import TrackPlayer
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "PointCanvas",
     "PoseAligner",
     "ProgressBar",
+    "RunComparison",
     "TrackPlayer",
     "live",
 ]
@@ -52,6 +54,7 @@ _HOME = {
     "PointCanvas": "point_canvas",
     "PoseAligner": "pose_aligner",
     "ProgressBar": "live_training",
+    "RunComparison": "run_comparison",
     "TrackPlayer": "track_player",
     "live": "live_window",
 }

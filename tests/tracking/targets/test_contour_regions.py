@@ -192,7 +192,7 @@ def test_a_colour_like_the_ground_lowers_the_quality(part: Part, model: Prepared
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"learning": Off()}, "its colours must be learnt"),
+        ({"learning": Off()}, "colours must be learnt"),
         ({"targets": (NormalSearch(),)}, "no target of this method learns"),
     ],
 )

@@ -1,0 +1,64 @@
+"""Data sets and what was run on them: ask for methods on sequences, and get the report; what is missing is run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from acp_lab.bench.protocol import SequenceKey, Variant, task_of
+from acp_lab.bench.rapid.tracker import NAMES
+from acp_lab.bench.report import Report
+from acp_lab.bench.runner import sequences_of
+from acp_lab.bench.spread import Progress, complete
+from acp_lab.errors import ParameterError
+from acp_lab.tracking.method import METHODS, method_named
+
+
+@dataclass(frozen=True)
+class Workbench:
+    """Where everything is.
+
+    Attributes:
+        roots: data sets by name, as `protocol.dataset_name` calls them; parts: by the same names, the folder that
+            holds their prepared parts.
+        runs: folder in which runs are kept; split: the data sets' folder of scenes.
+    """
+
+    roots: Mapping[str, Path]
+    parts: Mapping[str, Path]
+    runs: Path
+    split: str = "test"
+
+    @cached_property
+    def sequences(self) -> tuple[SequenceKey, ...]:
+        """Every object of every scene whose first frame has truth."""
+        return tuple(key for root in self.roots.values() for key in sequences_of(root, self.split))
+
+    def compare(
+        self,
+        methods: Iterable[str],
+        sequences: Iterable[SequenceKey],
+        variants: Iterable[Variant] = (Variant(),),
+        progress: Progress | None = None,
+    ) -> Report:
+        """Methods on sequences, the first method being what the others are held against.
+
+        Raises:
+            ParameterError: no method or no sequence is chosen.
+            AcpLabError: a method is none, or a part is not prepared for it.
+        """
+        methods, sequences, variants = list(methods), list(sequences), list(variants)
+        if not methods:
+            raise ParameterError("no method to compare: choose one or more")
+        if not sequences:
+            raise ParameterError("no sequence to compare on: choose one or more")
+        settings = [name if name in NAMES and name not in METHODS else method_named(name) for name in methods]
+        tasks = [
+            task_of(self.roots[key.dataset], self.split, self.parts[key.dataset], key, method, variant)
+            for method in settings
+            for key in sequences
+            for variant in variants
+        ]
+        return Report.of(complete(tasks, self.runs, workers=1, progress=progress), "this one")

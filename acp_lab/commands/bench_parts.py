@@ -1,0 +1,91 @@
+"""The prepared parts of a bench: what methods need and is not there is prepared first, by whoever does the runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from acp_lab.errors import ParameterError, PreparationError
+
+if TYPE_CHECKING:
+    from acp_lab.bench.protocol import SequenceKey
+    from acp_lab.commands.prepare import Spread
+    from acp_lab.generator.painted.edge_images import PaintingFrame
+    from acp_lab.tracking.method import Method
+
+RICHEST_FIRST = ("both", "autoencoder", "templates", "")
+"""Generators in the order in which they are prepared: "both" holds templates, and a part with templates alone would do
+for a method that takes the best that is there."""
+
+
+def prepare_missing(
+    root: Path, split: str, parts: Path, sequences: Sequence[SequenceKey], methods: Sequence[Method | str],
+    spread: Spread,
+) -> None:  # fmt: skip
+    """Prepare what the methods need of a data set's parts into a folder.
+
+    Raises:
+        PreparationError: what is missing is no part, such as the environment of cv2.rapid.
+    """
+    from acp_lab.bench.runner import forget_parts
+    from acp_lab.commands.prepare import prepare_parts
+    from acp_lab.prepared_part import PrepareOptions
+
+    for generator in sorted({generator_of(method) for method in methods}, key=RICHEST_FIRST.index):
+        own = [method for method in methods if generator_of(method) == generator]
+        meshes = list(_lacking(root, split, parts, sequences, own, generator))
+        if not meshes:
+            continue
+        names = meshes[0].name if len(meshes) == 1 else f"{len(meshes)} parts"
+        print(f"Preparing {names} ({generator}; once, then kept) ...", flush=True)
+        frame = next(iter(painting_frames(own)), PrepareOptions.painting_frame)
+        prepare_parts(meshes, parts, PrepareOptions(generator=generator, painting_frame=frame), spread=spread)
+        forget_parts()
+
+
+def check_painting(methods: Sequence[Method | str]) -> None:
+    """ParameterError for methods whose parts cannot be prepared for all of them."""
+    if len(painting_frames(methods)) > 1:
+        raise ParameterError(
+            "--methods: some need auto-encoders that paint in different frames, and a part holds one: compare them in "
+            "two benches, with --parts of their own"
+        )
+
+
+def painting_frames(methods: Sequence[Method | str]) -> set[PaintingFrame]:
+    """In which frames auto-encoders must paint; for methods that take any, none."""
+    from acp_lab.tracking.sources.painted import PaintedRidges
+
+    sources = [method.source for method in methods if not isinstance(method, str)]
+    return {source.frame for source in sources if isinstance(source, PaintedRidges)}
+
+
+def generator_of(method: Method | str) -> str:
+    """What a part must be prepared with; "" for nothing."""
+    from acp_lab.tracking.sources.rigid import CadSamples
+
+    if isinstance(method, str):
+        return ""
+    if isinstance(method.source, CadSamples):
+        return "templates" if method.source.generator == "templates" else "both"
+    return "autoencoder"
+
+
+def _lacking(
+    root: Path, split: str, parts: Path, sequences: Sequence[SequenceKey], methods: Sequence[Method | str],
+    generator: str,
+) -> Iterator[Path]:  # fmt: skip
+    """The meshes of parts that lack what some of the methods, all of one generator, need."""
+    from acp_lab.bench.protocol import Variant, task_of
+    from acp_lab.bench.runner import check
+    from acp_lab.sequences.bop import BopDataset
+
+    for key in {key.object_id: key for key in reversed(sequences)}.values():
+        try:
+            for method in methods:
+                check(task_of(root, split, parts, key, method, Variant()))
+        except PreparationError:
+            if not generator:
+                raise
+            yield BopDataset(root).part_path(key.object_id)

@@ -1,0 +1,48 @@
+"""Methods side by side in a real browser: chosen with the mouse, and the films move with table and curves."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.browser.lab import Lab
+
+PREPARE = """
+import acp_lab.prepared_part as prepared_part
+from tests.prepared_sample import sample_model
+model = sample_model()
+prepared_part.PreparedPart.load = classmethod(lambda *_: model)
+"""
+SHOW = """
+from acp_lab.course.side_by_side import workbench
+from acp_lab.display.widgets import RunComparison
+shown = RunComparison(workbench(), ["acp-edges", "region", "slet"])
+shown
+"""
+
+pytestmark = pytest.mark.usefixtures("closes")
+
+
+def test_methods_are_chosen_with_the_mouse_and_films_stand_side_by_side(lab: Lab) -> None:
+    panel = lab.open("comparison", PREPARE, SHOW)
+    canvases = panel.locator(".acp-canvas")
+    canvases.nth(1).locator("image[href]").wait_for(state="attached")
+    assert canvases.count() == 2
+    lists = panel.locator("select[multiple]")
+    lists.nth(0).locator("option", has_text="slet").click(modifiers=["ControlOrMeta"])
+    lists.nth(0).locator("option", has_text="acp-edges").click(modifiers=["ControlOrMeta"])
+    lists.nth(1).locator("option", has_text="backwards").click(modifiers=["ControlOrMeta"])
+    panel.get_by_text("every frame", exact=True).locator("xpath=..").select_option("every 4th")
+    panel.get_by_role("button", name="compare").click()
+    lab.until("shown.report.methods == ['region', 'slet'] and len(shown.film.options) == 2", "shown.told.value")
+    assert "backwards" in panel.locator("table").first.locator("xpath=..").inner_text()
+    titles = canvases.locator(".acp-title")
+    titles.nth(1).get_by_text("slet, image").wait_for()
+    before = titles.nth(0).inner_text()
+    slider = panel.get_by_role("slider").first
+    slider.focus()
+    lab.page.keyboard.press("ArrowRight")
+    lab.until("shown.frame == 1 and shown.errors.cursor == 1", "shown.frame")
+    lab.page.wait_for_function("([el, was]) => el.innerText !== was", arg=[titles.nth(0).element_handle(), before])
+    lab.shot("comparison", panel)
+    canvases.nth(1).scroll_into_view_if_needed()
+    lab.shot("comparison_films", panel)
