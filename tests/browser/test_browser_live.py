@@ -36,11 +36,12 @@ def test_a_camera_is_followed_in_the_page(lab: Lab) -> None:
     canvas.locator("text=tracking, quality").wait_for()
     assert lab.value("off_mm()") < 5.0
     pictures = "(node) => Number(node.dataset.pictures)"
-    before = canvas.evaluate(pictures)
+    before, tracked = canvas.evaluate(pictures), np.asarray(lab.value("len(window.loop.rows)"))
     lab.page.wait_for_timeout(3000)
-    rate = (canvas.evaluate(pictures) - before) / 3.0
-    print(f"live: {rate:.1f} pictures per second")
-    assert rate > 8.0, "a machine with other work shows fewer than on its own; a page that hangs shows none"
+    shown, tracked = canvas.evaluate(pictures) - before, np.asarray(lab.value("len(window.loop.rows)")) - tracked
+    print(f"live: {shown / 3.0:.1f} pictures per second, {tracked / 3.0:.1f} frames tracked")
+    # More than twenty a second are tracked, not shown; a busy machine tracks fewer, and a page that hangs shows none.
+    assert shown > 0.4 * min(tracked, 60)
     lab.shot("live_following")
     for dark in (True, False):
         lab.theme(dark)
