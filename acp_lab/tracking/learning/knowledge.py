@@ -96,6 +96,13 @@ class Matches:
         chosen: FloatArray = self.candidates.gradients[np.arange(len(self.best)), self.best]
         return chosen
 
+    @property
+    def outward(self) -> FloatArray:
+        """(n,) 1 where the normal of an outline leads off the part, -1 where onto it, 0 for other edges."""
+        if self.expected is None:
+            return self.edges.outline.astype(np.float64)
+        return np.asarray(np.sign(self.expected.px_per_mm) * self.edges.outline, np.float64)
+
     @cached_property
     def jacobian(self) -> FloatArray:
         """(n, 6) px along the normals by a pose step."""
@@ -157,7 +164,9 @@ class SampleKnowledge:
             return
         ids, outline, residuals_px = matches.edges.sample_ids, matches.edges.outline, matches.sure_residuals_px
         if self.polarity is not None:
-            shift_px = self.polarity.measure(matches.gradients, outline, residuals_px, matches.jacobian, rate=1.0)
+            shift_px = self.polarity.measure(
+                matches.gradients, matches.outward, residuals_px, matches.jacobian, rate=1.0
+            )
             residuals_px = residuals_px - shift_px * np.sign(matches.gradients) * outline
         self.offsets.learn(ids, outline, matches.expected, residuals_px)
 
@@ -181,4 +190,4 @@ class SampleKnowledge:
         if self.polarity is not None:
             rate = self.polarity.config.rate
             sure_px = matches.sure_residuals_px
-            self.polarity.measure(matches.gradients, outline, sure_px, matches.jacobian, rate)
+            self.polarity.measure(matches.gradients, matches.outward, sure_px, matches.jacobian, rate)

@@ -58,15 +58,16 @@ class EdgePolarity:
         return self.shift_px * np.sign(gradients) * outline[:, None]
 
     def measure(
-        self, gradients: FloatArray, outline: BoolArray, residuals_px: FloatArray, jacobian: FloatArray, rate: float
+        self, gradients: FloatArray, outward: FloatArray, residuals_px: FloatArray, jacobian: FloatArray, rate: float
     ) -> float:
         """Take over a share of what a solved frame shows; by how much the shift moved, px.
 
         Args:
             gradients: (n,) of the chosen candidates, along the normals.
-            outline: (n,) bool.
+            outward: (n,) 1 for outlines whose normal leads off the part, -1 where it leads onto it, 0 for other edges.
             residuals_px: (n,) beside the expected shift, NaN where nothing was seen.
-            jacobian: (n, 6) of the motion along the normals by a pose step. What a step explains is no shift.
+            jacobian: (n, 6) of the motion along the normals by a pose step. What a step explains is no shift, nor what
+                a part that is larger or smaller than its CAD model explains.
             rate: that share, for a shift that the frame shows beyond doubt.
         """
         config, before = self.config, self.shift_px
@@ -74,12 +75,12 @@ class EdgePolarity:
         if len(rows) < _LEAST_POINTS:
             return 0.0
         residuals = residuals_px[rows]
-        towards_bright = np.sign(gradients[rows]) * outline[rows]
-        columns = np.column_stack([towards_bright, jacobian[rows]])
-        columns[:, 1:] /= np.abs(columns[:, 1:]).max(axis=0).clip(1e-12)  # rad and mm alike
+        towards_bright = np.sign(gradients[rows]) * np.abs(outward[rows])
+        columns = np.column_stack([towards_bright, outward[rows], jacobian[rows]])
+        columns[:, 2:] /= np.abs(columns[:, 2:]).max(axis=0).clip(1e-12)  # rad and mm alike
         doubt = config.alike * (config.scatter_px / config.spread_px) ** 2
-        prior = np.diag([doubt] + [1e-6] * 6)
-        found: FloatArray = np.zeros(7)
+        prior = np.diag([doubt] + [1e-6] * 7)
+        found: FloatArray = np.zeros(8)
         left: FloatArray = residuals
         for _ in range(2):  # the second time around what the first one found
             weighted = columns / (1.0 + (left / config.scatter_px) ** 2)[:, None] ** 2

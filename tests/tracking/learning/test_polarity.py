@@ -30,7 +30,7 @@ def learnt(
     polarity = EdgePolarity(PolarityConfig())
     for _ in range(frames):
         beside = residuals - polarity.expect(gradients[:, None], outline)[:, 0]
-        polarity.measure(gradients, outline, beside, jacobian(), rate)
+        polarity.measure(gradients, outline.astype(float), beside, jacobian(), rate)
     return polarity
 
 
@@ -62,6 +62,14 @@ def test_where_a_motion_explains_it_as_well_it_stays_small() -> None:
     assert 0.0 < sideways.shift_px < 0.4
 
 
+def test_a_part_that_is_smaller_than_its_model_is_no_shift() -> None:
+    """As one with broken edges is; half of the points are inner creases, which say that it is no nearer."""
+    outline = np.arange(COUNT) % 2 == 0
+    residuals = np.where(outline, -0.4, 0.0) + noise()
+    for gradients in (np.full(COUNT, -4.0), np.where(np.arange(COUNT) % 5 < 2, -4.0, 4.0)):
+        assert abs(learnt(residuals, gradients, frames=8, outline=outline).shift_px) < 0.06
+
+
 def test_wrong_image_edges_hardly_count() -> None:
     gradients = np.where(np.arange(COUNT) % 3 == 0, -4.0, 4.0)
     residuals = 0.4 * np.sign(gradients) + noise()
@@ -76,7 +84,7 @@ def test_inner_creases_and_unseen_points_say_nothing() -> None:
     unseen = np.full(COUNT, np.nan)
     unseen[:20] = residuals[:20]
     assert learnt(unseen, gradients).shift_px == 0.0
-    assert EdgePolarity(PolarityConfig()).measure(gradients, OUTLINE, unseen, jacobian(), 1.0) == 0.0
+    assert EdgePolarity(PolarityConfig()).measure(gradients, OUTLINE.astype(float), unseen, jacobian(), 1.0) == 0.0
 
 
 def test_it_follows_slowly_and_only_so_far() -> None:
@@ -84,7 +92,7 @@ def test_it_follows_slowly_and_only_so_far() -> None:
     at_once, slowly = (learnt(0.4 * np.sign(gradients), gradients, rate=rate) for rate in (1.0, 0.1))
     assert slowly.shift_px == pytest.approx(0.1 * at_once.shift_px)
     far = EdgePolarity(PolarityConfig(largest_px=0.2))
-    moved = far.measure(gradients, OUTLINE, 0.4 * np.sign(gradients), jacobian(), 1.0)
+    moved = far.measure(gradients, OUTLINE.astype(float), 0.4 * np.sign(gradients), jacobian(), 1.0)
     assert moved == far.shift_px == pytest.approx(0.2)
 
 
