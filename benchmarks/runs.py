@@ -181,8 +181,8 @@ def track(job: Job) -> Run:
         steps = follow(Tracker(model, job.method), [first, *others], start, truth, metric.share)
         for k, step in enumerate(islice(steps, 1, None)):
             ms[k] = round(step.ms, 3)
-            cam_T_true = truth(step.frame.index)
-            error = math.inf if cam_T_true is None else metric.share(step.result.cam_T_obj, cam_T_true)
+            cam_T_true = truth(step.frame_id)
+            error = math.inf if cam_T_true is None else metric.share(step.cam_T_obj, cam_T_true)
             errors[k] = round(error, 5) if math.isfinite(error) else None
     except TrackingError:
         pass  # the errors stay None: lost
