@@ -125,7 +125,8 @@ def test_few_edges(model: PreparedPart, images: list[ByteImage], truth: list[Flo
     diagnosis = named(run if known else without_truth(run))
     assert diagnosis.causes[0] is Cause.FEW_EDGES
     assert "targets.search.contrast" in diagnosis.findings[0].advice
-    assert diagnosis.onset == TROUBLE
+    # At first a sudden change of light is undone.
+    assert TROUBLE <= diagnosis.onset <= TROUBLE + 1
 
 
 @pytest.mark.parametrize("known", [True, False])
