@@ -82,9 +82,9 @@ class WayBack:
     """
 
     kind: ClassVar[str] = "detector"
-    budget: float = 20_000.0
+    budget: float = 25_000.0
     proposals: int = 1
-    least_score: float = 0.5
+    least_score: float = 0.35
     gain: float = 0.1
 
     def __post_init__(self) -> None:

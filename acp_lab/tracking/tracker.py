@@ -186,11 +186,11 @@ class Tracker:
             self._carried = None
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
         fits = quality > self.method.states.found_above
-        if fits:
-            self._last_seen = solution.cam_T_obj
-        if self._is_lost and self._way_back is not None and not fits:
-            # A search that follows what does not fit ends up anywhere.
-            self._predictor.restart(self._last_seen)
+        if self._states.state is TrackState.TRACKING:
+            self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
+        if self._is_lost and self._way_back is not None:
+            # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
+            self._predictor.restart(solution.cam_T_obj if fits else self._last_seen)
             self._carried = None
         else:
             self._predictor.observe(solution.cam_T_obj, quality, solution.information)

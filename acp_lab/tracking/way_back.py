@@ -41,7 +41,7 @@ class Reach:
 NEAR, LIKE_LAST, ANY_SIDE = Reach(25.0, 1.12, 80.0), Reach(40.0, 1.3), Reach(180.0, 1.6)
 WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
 """In their order, again and again; None for everywhere."""
-WIDE_FRAMES = 3
+WIDE_FRAMES = 2
 """Frames that a wide search gets between two searches nearby: a part that is back where it was is found at once."""
 
 
@@ -84,16 +84,19 @@ class Reacquisition:
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
+        most = self._config.proposals
         if self._wide_frames > 0 and self._around is None:
             if self._wide is None:
                 reach = WIDE[self._wide_searches % len(WIDE)]
                 self._wide_searches += 1
-                self._wide = self._search(frame, None if reach is None else reach.of(last_seen))
+                self._wide = Errand(self._ready().search(frame, most, None if reach is None else reach.of(last_seen)))
             search, self._wide_frames = self._wide, self._wide_frames - 1
         else:
             if self._near is None:
                 around, self._around = self._around, None
-                self._near = self._search(frame, NEAR.of(last_seen if around is None else around))
+                prior = NEAR.of(last_seen if around is None else around)
+                # Not aligned: the tracker does that in the frame in which it tries them.
+                self._near = Errand(self._ready().search(frame, most, prior, 0))
             search = self._near
         budget = search.go_on(budget)
         if not search.is_done:
@@ -105,9 +108,6 @@ class Reacquisition:
             self._wide = None
         # A search without anything to look at, such as for a part too small, costs nothing: not again in this frame.
         return budget if search.worked else 0.0
-
-    def _search(self, frame: Frame, prior: PosePrior | None) -> _Search:
-        return Errand(self._ready().search(frame, self._config.proposals, prior))
 
     def _ready(self) -> Finder:
         if self._finder is None:
