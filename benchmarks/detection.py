@@ -94,7 +94,8 @@ def main() -> None:
     finders = {(scene.dataset.root, scene.object_ids[0]): _finder(scene, args.parts) for scene in scenes}
     values = _auto(scenes, finders) if args.auto else _table(scenes, finders, args)
     values["all"]["memory"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    print("all", values["all"])
+    for label, row in values.items():
+        print(label, row)
     if args.record:
         about = "hypotheses of acp_lab.detect on frames of each scene, depth 250 to 1200 mm, no pose given"
         if args.auto:

@@ -4,7 +4,7 @@ While a part is lost the detector looks for it, near where it was last seen and,
 any side. Every search is of one frame's image and spread over as many frames as its work takes. What it finds was
 there some frames ago, so it is a proposal: the tracker solves its present frame from it, with all that it knows of the
 part's look, and takes it only if that fits. Where it does not fit any more the part may have moved on: the next search
-is around there.
+is around there. While a frame fits nobody searches: the next one decides.
 """
 
 from __future__ import annotations

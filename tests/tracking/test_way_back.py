@@ -30,7 +30,7 @@ ANYWHERE = np.eye(4)
 
 @pytest.mark.parametrize(
     "values",
-    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}, {"gain": -0.1}],
+    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}],
 )
 def test_nonsense_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match="way_back"):
