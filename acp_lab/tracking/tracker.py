@@ -33,6 +33,7 @@ from acp_lab.tracking.schedule import Level, PixelSchedule
 from acp_lab.tracking.search import WIDE_LEVELS, better, is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.sought import Sought
 from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -426,6 +427,7 @@ class Tracker:
             steps=solution.steps,
             covariance=self._covariance(solution),
             target=judgement.target_view if self.records_target else None,
+            sought=self._sought,
         )
 
     def _blind(
@@ -453,7 +455,12 @@ class Tracker:
                 frame.undistort_s if isinstance(frame, Frame) else 0.0, time.perf_counter() - begin_s
             ),
             note=note,
+            sought=self._sought,
         )
+
+    @property
+    def _sought(self) -> Sought | None:
+        return self._way_back.sought if self._is_lost and self._way_back is not None else None
 
     def _project(self, camera: Camera | None, pose: FloatArray) -> FloatArray:
         if camera is None:

@@ -19,10 +19,18 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
 from acp_lab.tracking.recovery import WayBack
+from acp_lab.tracking.sought import Sought
 
 PROPOSAL_WORK = 20_000.0
 """Of a frame that is solved from a proposal, see `detection.work`."""
-_Search = Errand[tuple[Detection, ...]]
+
+
+class _Search(Errand[tuple[Detection, ...]]):
+    """A search, and what it is limited to."""
+
+    def __init__(self, finder: Finder, frame: Frame, most: int, prior: PosePrior | None, aligned: int | None) -> None:
+        super().__init__(finder.search(frame, most, prior, aligned))
+        self.prior = prior
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,14 @@ class Reacquisition:
         self._found: tuple[Detection, ...] = ()
         self._around: FloatArray | None = None
         self._wide_frames = self._wide_searches = 0
+        self._prior: PosePrior | None = None
+        self._best: Detection | None = None
+
+    @property
+    def sought(self) -> Sought:
+        """Where the last search looked, and the best hypothesis of the one that ended last."""
+        best = self._best
+        return Sought.by(self._prior, None if best is None else best.cam_T_obj, 0.0 if best is None else best.score)
 
     def look_around(self, cam_T_obj: FloatArray) -> None:
         """Search next near a pose (4, 4), where the part may have been a moment ago."""
@@ -89,18 +105,21 @@ class Reacquisition:
             if self._wide is None:
                 reach = WIDE[self._wide_searches % len(WIDE)]
                 self._wide_searches += 1
-                self._wide = Errand(self._ready().search(frame, most, None if reach is None else reach.of(last_seen)))
+                prior = None if reach is None else reach.of(last_seen)
+                self._wide = _Search(self._ready(), frame, most, prior, None)
             search, self._wide_frames = self._wide, self._wide_frames - 1
         else:
             if self._near is None:
                 around, self._around = self._around, None
-                prior = NEAR.of(last_seen if around is None else around)
+                near = NEAR.of(last_seen if around is None else around)
                 # Not aligned: the tracker does that in the frame in which it tries them.
-                self._near = Errand(self._ready().search(frame, most, prior, 0))
+                self._near = _Search(self._ready(), frame, most, near, 0)
             search = self._near
         budget = search.go_on(budget)
+        self._prior = search.prior
         if not search.is_done:
             return budget
+        self._best = next(iter(search.result or ()), None)
         self._found = tuple(one for one in search.result or () if one.score >= self._config.least_score)
         if search is self._near:
             self._near, self._wide_frames = None, WIDE_FRAMES

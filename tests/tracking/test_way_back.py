@@ -164,6 +164,13 @@ def test_a_part_that_comes_back_elsewhere_is_found(
     assert {result.state for result in found[8:10]} == {TrackState.LOST}
     assert found[-1].state is TrackState.TRACKING
     assert add_percent(model.part, found[-1].cam_T_obj, truth[-1]) < 2.0
+    # A lost frame tells where was searched; others have nothing to tell.
+    assert [result.sought is not None for result in found] == [result.state is TrackState.LOST for result in found]
+    assert found[8].sought is not None
+    assert found[8].sought.near is not None
+    assert add_percent(model.part, found[8].sought.near, truth[5]) < 2.0
+    hypotheses = [result.sought.found for result in found[10:] if result.sought is not None]
+    assert any(pose is not None and add_percent(model.part, pose, truth[-1]) < 10.0 for pose in hypotheses)
     # Never believed in the first frame that fits.
     first = next(k for k in range(10, 35) if found[k].state is not TrackState.LOST)
     assert found[first - 1].quality > ACP.states.found_above
