@@ -81,8 +81,10 @@ class Detector:
         self._caster: RayCaster = make_caster(part)
 
     def prepare(self) -> None:
-        """Make all of it now instead of when it is first asked for."""
-        _ = self.views, self.templates, self.groups
+        """Make all of it now instead of when it is first asked for; the compiled loops are loaded, too."""
+        import acp_lab.detection.kernels
+
+        _ = self.views, self.templates, self.groups, self._template_rotations, acp_lab.detection.kernels
 
     @cached_property
     def views(self) -> Views:
