@@ -200,7 +200,8 @@ def _is_right(finder: Finder, scene: BopScene, frame_id: int, one: Detection) ->
 def _background(scene: BopScene) -> str:
     """What scene_meta.json says is behind the part."""
     meta = scene.folder / "scene_meta.json"
-    return str(json.loads(meta.read_text(encoding="utf-8")).get("background", "?")) if meta.is_file() else "?"
+    told = json.loads(meta.read_text(encoding="utf-8")) if meta.is_file() else {}
+    return str(told.get("background", told.get("table", "not told")))
 
 
 def _row(searches: list[Search]) -> dict[str, float]:
