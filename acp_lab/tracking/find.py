@@ -33,7 +33,7 @@ LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
 """Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
 _RIVALS = 8
 _MARGIN_PX = 40.0
-_LARGE_PX = 150.0
+_LARGE_PX = 250.0
 """A part that appears more than twice as large is aligned in a halved image: time stays bounded."""
 _SAME_SHARE = 0.1
 """Of the diameter: poses whose points are no further apart are one hypothesis."""
