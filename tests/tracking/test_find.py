@@ -112,7 +112,7 @@ def test_a_large_part_is_aligned_in_a_smaller_image() -> None:
     image = cv2.resize(frame.image, (large.width, large.height), interpolation=cv2.INTER_CUBIC)
     assert part.diameter * fx / transform(truth, part.box_centre)[2] > 500.0
     work = list(sample_finder().search(replace(frame, image=image, camera=large), 1, PosePrior(truth, 20.0, 1.1, 30.0)))
-    assert max(work) < 8_000.0
+    assert max(work) < 15_000.0
     (found,) = sample_finder().find(replace(frame, image=image, camera=large), 1, PosePrior(truth, 20.0, 1.1, 30.0))
     error = np.linalg.norm(transform(found.cam_T_obj, part.vertices) - transform(truth, part.vertices), axis=1)
     assert error.mean() < 0.05 * part.diameter
