@@ -1,17 +1,24 @@
 """Finding parts without a first pose: how often the best hypothesis is right, and how often a part that is not there.
 
-    python -m benchmarks.detection metal_hard --parts out/parts --frames 10 --absent --record metal_hard
+    python -m benchmarks.detection metal_public metal_hard --parts out/parts --frames 10 --absent 100 --record all
+    python -m benchmarks.detection metal_public metal_hard --parts out/parts --auto --record auto
 
 Each scene gives frames that are spread evenly over it; a hypothesis is right when its ADD (ADD-S for symmetric parts)
-is below 10% of the diameter. With --absent each frame is also searched for a part of another scene. PARTS holds
-prepared parts, or one folder of them per data set. Times are CPU seconds of one thread; templates are made before.
+is below 10% of the diameter. Rows: each scene, each background and each size of image, and all. With --absent each
+frame in turn is also searched for a part of another scene, until so many were; with --prior, for its own part near the
+true pose turned by 15 degrees and 10% farther. With --auto the first ten frames are searched until the part is
+accepted in one, as `acp-lab track --init auto` does. PARTS holds prepared parts, or one folder of them per data set.
+Times are CPU seconds of one thread; templates are made before. Memory is the most that the process held.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import resource
 import time
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from acp_lab.commands.machine import limit_threads
@@ -22,13 +29,20 @@ import numpy as np  # noqa: E402
 
 from acp_lab.detection.config import DetectionConfig  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
+from acp_lab.geometry.arrays import FloatArray  # noqa: E402
+from acp_lab.geometry.pose import transform  # noqa: E402
+from acp_lab.geometry.pose_step import move_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
-from acp_lab.tracking.find import Finder  # noqa: E402
+from acp_lab.tracking.find import Detection, Finder  # noqa: E402
+from acp_lab.tracking.way_back import Reach  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
 
 RIGHT = 0.1
+AUTO_FRAMES = 10
+PRIOR_DEG, PRIOR_DEPTH = 15.0, 1.1
+PRIOR_REACH = Reach(25.0, 1.2)
 UNIT = {
     "frames": "frames",
     "first": "share of frames whose best hypothesis has ADD below 10%",
@@ -36,18 +50,27 @@ UNIT = {
     "accepted": "share of frames whose best hypothesis is accepted",
     "right": "share of these that are right",
     "time": "median CPU s per frame",
+    "most": "largest CPU s of a frame",
     "false": "frames",
     "absent": "frames",
+    "sequences": "sequences",
+    "found": "sequences whose part is accepted within ten frames, with ADD below 10%",
+    "wrong": "sequences whose part is accepted with a larger one",
+    "memory": "MB",
 }
 
 
 @dataclass(frozen=True)
 class Search:
-    """One search of a part that the frame shows: which of its hypotheses are right, whether the best is accepted."""
+    """One search of a part that the frame shows.
+
+    right: of the hypotheses. accepted: the best one. labels: of the rows that it counts in.
+    """
 
     right: tuple[bool, ...]
     accepted: bool
     time_s: float
+    labels: tuple[str, ...]
 
 
 def main() -> None:
@@ -57,7 +80,9 @@ def main() -> None:
     parser.add_argument("--parts", type=Path, required=True)
     parser.add_argument("--frames", type=int, default=10)
     parser.add_argument("--scene", type=int, action="append")
-    parser.add_argument("--absent", action="store_true")
+    parser.add_argument("--absent", type=int, default=0, metavar="FRAMES")
+    parser.add_argument("--prior", action="store_true")
+    parser.add_argument("--auto", action="store_true")
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
     scenes = [
@@ -67,27 +92,70 @@ def main() -> None:
         for scene in [BopDataset(root).open_scene(scene_id)]
     ]
     finders = {(scene.dataset.root, scene.object_ids[0]): _finder(scene, args.parts) for scene in scenes}
-    values, everything, absent, false = {}, list[Search](), 0, 0
-    for number, scene in enumerate(scenes):
-        own = (scene.dataset.root, scene.object_ids[0])
-        frames = _spread(scene, args.frames)
-        searches = [_search(finders[own], scene, frame) for frame in frames]
-        everything += searches
-        values[f"{scene.dataset.name} {scene.scene_id}"] = _row(searches)
-        print(scene.dataset.name, scene.scene_id, values[f"{scene.dataset.name} {scene.scene_id}"], flush=True)
-        others = [key for key in finders if key != own]
-        for turn, frame in enumerate(frames if args.absent and others else []):
-            found = finders[others[(number + turn) % len(others)]].find(frame, 1)
-            absent += 1
-            false += bool(found) and found[0].is_accepted
-    values["all"] = _row(everything)
-    if absent:
-        values["all"] |= {"absent": absent, "false": false}
-    print("all", values["all"])
+    values = _auto(scenes, finders) if args.auto else _table(scenes, finders, args)
+    values["all"]["memory"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    for label, row in values.items():
+        print(label, row)
     if args.record:
         about = "hypotheses of acp_lab.detect on frames of each scene, depth 250 to 1200 mm, no pose given"
+        if args.auto:
+            about = "the first accepted hypothesis within the first ten frames of each scene, no pose given"
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"detection.{args.record}", about, UNIT, names, values)
+
+
+def _table(
+    scenes: list[BopScene], finders: dict[tuple[Path, int], Finder], args: argparse.Namespace
+) -> dict[str, dict[str, float]]:
+    """Rows of the table, by their labels."""
+    searches, absent, false = list[Search](), 0, 0
+    for number, scene in enumerate(scenes):
+        own = _key(scene)
+        others = [key for key in finders if key != own]
+        for turn, frame in enumerate(_spread(scene, args.frames)):
+            searches.append(_search(finders[own], scene, frame))
+            if args.prior:
+                searches.append(_search(finders[own], scene, frame, with_prior=True))
+            if absent < args.absent and others:
+                found = finders[others[(number + turn) % len(others)]].find(frame, 1)
+                absent += 1
+                false += bool(found) and found[0].is_accepted
+        label = f"{scene.dataset.name} {scene.scene_id}"
+        print(label, _row([search for search in searches if label in search.labels]), flush=True)
+    labels = sorted({label for search in searches for label in search.labels}, key=lambda label: label == "all")
+    values = {label: _row([search for search in searches if label in search.labels]) for label in labels}
+    if absent:
+        values["all"] |= {"absent": absent, "false": false}
+    return values
+
+
+def _auto(scenes: list[BopScene], finders: dict[tuple[Path, int], Finder]) -> dict[str, dict[str, float]]:
+    """How many parts are accepted within the first frames, by data set and in all."""
+    outcomes = dict[str, list[bool | None]]()
+    for scene in scenes:
+        accepted = _first_accepted(finders[_key(scene)], scene)
+        print(
+            scene.dataset.name, scene.scene_id, {None: "not found", True: "right", False: "wrong"}[accepted], flush=True
+        )
+        for label in (scene.dataset.name, "all"):
+            outcomes.setdefault(label, []).append(accepted)
+    return {
+        label: {"sequences": len(of_one), "found": of_one.count(True), "wrong": of_one.count(False)}
+        for label, of_one in sorted(outcomes.items(), key=lambda entry: entry[0] == "all")
+    }
+
+
+def _first_accepted(finder: Finder, scene: BopScene) -> bool | None:
+    """Whether the first accepted hypothesis of a scene is right; None where there is none."""
+    for frame in islice(scene.frames(), AUTO_FRAMES):
+        found = finder.find(frame, 1) if isinstance(frame, Frame) else ()
+        if found and found[0].is_accepted:
+            return _is_right(finder, scene, frame.index, found[0])
+    return None
+
+
+def _key(scene: BopScene) -> tuple[Path, int]:
+    return scene.dataset.root, scene.object_ids[0]
 
 
 def _finder(scene: BopScene, parts: Path) -> Finder:
@@ -103,15 +171,37 @@ def _spread(scene: BopScene, count: int) -> list[Frame]:
     return [frame for frame in frames if isinstance(frame, Frame)]
 
 
-def _search(finder: Finder, scene: BopScene, frame: Frame) -> Search:
+def _search(finder: Finder, scene: BopScene, frame: Frame, with_prior: bool = False) -> Search:
+    prior = PRIOR_REACH.of(_disturbed(finder, scene, frame)) if with_prior else None
     begin = time.process_time()
-    found = finder.find(frame, 3)
+    found = finder.find(frame, 3, prior)
     time_s = time.process_time() - begin
+    right = tuple(_is_right(finder, scene, frame.index, one) for one in found)
+    size = f"{frame.camera.width}x{frame.camera.height}"
+    labels = (f"{scene.dataset.name} {scene.scene_id}", f"background {_background(scene)}", size, "all")
+    return Search(right, bool(found) and found[0].is_accepted, time_s, (f"prior, {size}",) if with_prior else labels)
+
+
+def _disturbed(finder: Finder, scene: BopScene, frame: Frame) -> FloatArray:
+    """The true pose, turned and moved away."""
     truth = scene.truth(frame.index, scene.object_ids[0])
     assert truth is not None
-    metric = PartMetric(finder.model.part, 500)
-    right = tuple(metric.share(one.cam_T_obj, truth) < RIGHT for one in found)
-    return Search(right, bool(found) and found[0].is_accepted, time_s)
+    centre = finder.model.part.box_centre
+    away = (PRIOR_DEPTH - 1.0) * transform(truth, centre)
+    turn = np.radians(PRIOR_DEG) * np.array([0.6, 0.64, 0.48])
+    return move_pose(truth, centre, np.concatenate([turn, away]))
+
+
+def _is_right(finder: Finder, scene: BopScene, frame_id: int, one: Detection) -> bool:
+    truth = scene.truth(frame_id, scene.object_ids[0])
+    return truth is not None and PartMetric(finder.model.part, 500).share(one.cam_T_obj, truth) < RIGHT
+
+
+def _background(scene: BopScene) -> str:
+    """What scene_meta.json says is behind the part."""
+    meta = scene.folder / "scene_meta.json"
+    told = json.loads(meta.read_text(encoding="utf-8")) if meta.is_file() else {}
+    return str(told.get("background", told.get("table", "not told")))
 
 
 def _row(searches: list[Search]) -> dict[str, float]:
@@ -123,6 +213,7 @@ def _row(searches: list[Search]) -> dict[str, float]:
         "accepted": len(accepted) / len(searches),
         "right": float(np.mean(accepted)) if accepted else 0.0,
         "time": float(np.median([search.time_s for search in searches])),
+        "most": max(search.time_s for search in searches),
     }
 
 

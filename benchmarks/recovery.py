@@ -11,7 +11,8 @@ defaults.
 A run is back when, from a frame within 10 of the end of the cover on, the state is tracking and ADD below 10% of the
 diameter for five frames. Runs whose part comes back beyond 60 px or 20 degrees of where it was last seen have 60
 frames, and make up the row "elsewhere". False: the longest row of frames with state tracking and ADD above 30%.
-PARTS holds prepared parts, or one folder of them per data set. Times are CPU ms of frames in which the part is lost.
+PARTS holds prepared parts, or one folder of them per data set. Times are CPU ms; those of tracked frames say how busy
+the machine was.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ UNIT = {
     "false": "most frames in a row with state tracking and ADD above 30%",
     "lost_ms": "95th percentile of the CPU ms of frames in which the part is lost",
     "most_ms": "the longest of them",
+    "tracked_ms": "median CPU ms of frames in which the part is not lost, in the same runs",
 }
 
 
@@ -76,13 +78,17 @@ class Walk:
 
 @dataclass(frozen=True)
 class Return:
-    """What came of it. back_after: frames from the end of the cover, None for never; false: see the module's head."""
+    """What came of it. back_after: frames from the end of the cover, None for never; false: see the module's head.
+
+    lost_ms, tracked_ms: of frames in which the part is lost, and of others.
+    """
 
     kind: str
     near: bool
     back_after: int | None
     false: int
     lost_ms: tuple[float, ...]
+    tracked_ms: tuple[float, ...]
 
     @property
     def in_time(self) -> bool:
@@ -170,7 +176,7 @@ def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: 
     corners = box_corners(tracker.part)
     first, truth = known[walk.before[0]]
     tracker.start(first, truth)
-    errors, tracking, lost_ms = list[float](), list[bool](), list[float]()
+    errors, tracking, lost_ms, tracked_ms = list[float](), list[bool](), list[float](), list[float]()
     rows = [*walk.before[1:], *walk.covered, *walk.after]
     covers = range(len(walk.before) - 1, len(walk.before) - 1 + len(walk.covered))
     for number, row in enumerate(rows):
@@ -179,15 +185,15 @@ def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: 
             frame = covered(frame, crop_box(corners, truth, frame.camera, 15.0), plain)
         begin = time.process_time()
         result = tracker.track(frame)
-        if result.state is TrackState.LOST:
-            lost_ms.append(1e3 * (time.process_time() - begin))
+        of_state = lost_ms if result.state is TrackState.LOST else tracked_ms
+        of_state.append(1e3 * (time.process_time() - begin))
         errors.append(metric.share(result.cam_T_obj, truth))
         tracking.append(result.state is TrackState.TRACKING)
     right = [e < RIGHT and t for e, t in zip(errors, tracking, strict=True)]
     since = covers.stop
     back = next((k - since + 1 for k in range(since, len(rows) - STEADY) if all(right[k : k + STEADY])), None)
     wrong = [e > LOST and t for e, t in zip(errors, tracking, strict=True)]
-    return Return(walk.kind, walk.near, back, _longest(wrong), tuple(lost_ms))
+    return Return(walk.kind, walk.near, back, _longest(wrong), tuple(lost_ms), tuple(tracked_ms))
 
 
 def _longest(flags: list[bool]) -> int:
@@ -211,6 +217,7 @@ def _row(returns: list[Return]) -> dict[str, float]:
         "false": max((one.false for one in returns), default=0),
         "lost_ms": float(np.percentile(lost, 95)) if lost else 0.0,
         "most_ms": max(lost, default=0.0),
+        "tracked_ms": float(np.median([ms for one in returns for ms in one.tracked_ms])) if returns else 0.0,
     }
 
 

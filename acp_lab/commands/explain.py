@@ -51,17 +51,32 @@ def explain_run(options: ExplainOptions) -> None:
 
 
 def _verdict(run: TrackRun, object_id: int) -> str:
-    """Whether the part was lost, since when, and what to do."""
+    """Whether the part was lost, since when, where it was looked for, and what to do."""
     from acp_lab.diagnosis.recorded_run import first_loss
+    from acp_lab.tracking.result import TrackState
 
     results = run.results[object_id]
     lost = first_loss(results)
     if lost is None:
         return f"Object {object_id} was never lost in {len(results)} frames."
-    return (
-        f"Object {object_id} is lost since frame {lost} (image {results[lost].frame_id}) of {len(results)}, start "
-        "again there: with a pose for that image, which notebook 10 sets with the mouse."
-    )
+    told = f"Object {object_id} is lost since frame {lost} (image {results[lost].frame_id}) of {len(results)}"
+    first = next(number for number in range(lost, len(results)) if results[number].state is TrackState.LOST)
+    back = (number for number in range(first, len(results)) if results[number].state is TrackState.TRACKING)
+    found = next(back, None)
+    if found is not None:
+        told = (
+            f"Object {object_id} was lost from frame {lost} (image {results[lost].frame_id}) on, and found again in "
+            f"frame {found} (image {results[found].frame_id}) of {len(results)}."
+        )
+    else:
+        told += (
+            ", start again there: with a pose for that image, which notebook 10 sets with the mouse or `acp-lab "
+            "detect` finds."
+        )
+    searches = [result for result in results[first:found] if result.sought is not None]
+    if searches:
+        told += f"\nImage {searches[-1].frame_id}: {searches[-1].sought}."
+    return told
 
 
 def _most_telling(run: TrackRun, object_id: int) -> int:
@@ -93,6 +108,7 @@ def _results_file(source: Path) -> Path:
 def _run(results: Path, options: ExplainOptions) -> TrackRun:
     from acp_lab.diagnosis.recorded_run import run_from_rows
     from acp_lab.sequences.results_csv import read_results, run_info_path
+    from acp_lab.tracking.sought import from_rows
 
     rows = read_results(results)
     if not rows:
@@ -108,7 +124,8 @@ def _run(results: Path, options: ExplainOptions) -> TrackRun:
     info_path = run_info_path(results)
     info = _run_info(info_path) if info_path.is_file() else {}
     sequence, parts = _tracked(results, info, options.dataset, scene_id, ids)
-    return run_from_rows(rows, sequence, parts, str(info.get("method", "unknown")), _states(info))
+    searches = from_rows(info.get("searches") or (), scene_id)
+    return run_from_rows(rows, sequence, parts, str(info.get("method", "unknown")), _states(info), searches)
 
 
 def _states(info: Mapping[str, Any]) -> StateConfig:

@@ -25,6 +25,7 @@ from acp_lab.tracking.observer import Observer, SessionInfo
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.results_file import ResultsFile
 from acp_lab.tracking.session import follow_sequence
+from acp_lab.tracking.sought import MOST_KEPT, to_row
 from acp_lab.tracking.tracker import Tracker
 
 if TYPE_CHECKING:
@@ -45,6 +46,10 @@ class ResultsObserver(ResultsFile):
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
         """Write the frame's rows, unless they stand there."""
         super().on_frame(frame, {} if (self._scene_id, frame.index) == self._stands else results)
+        searches = self._info.setdefault("searches", [])
+        for object_id, result in results.items():
+            if result.sought is not None and len(searches) < MOST_KEPT:
+                searches.append(to_row(self._scene_id, result.frame_id, object_id, result.sought))
 
     def on_end(self) -> None:
         """Stay open for the next scene."""

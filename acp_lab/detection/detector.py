@@ -13,7 +13,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.edge_maps import without_specks
+from acp_lab.detection.edge_maps import removing_specks
 from acp_lab.detection.evidence import Evidence, Witness
 from acp_lab.detection.pose_prior import PosePrior, rotation_from_axis
 from acp_lab.detection.pose_search import ROUNDS, DistanceMaps, Poses, distinct, search_round
@@ -25,11 +25,11 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 
-EVIDENCE_WORK = 1500.0
+EVIDENCE_WORK, START_WORK = 2500.0, 2.0
 """Of a pose, see `work`."""
 # Half the distance of neighbouring views and turns of the scan; how far a pose search strays from where it starts.
 _SCAN_SLACK_DEG, _SEARCH_SLACK_DEG = 12.0, 25.0
-_LEAST_SHARE = 0.04
+_LEAST_SHARE, _SHARE_NEARBY, _FEWEST_VERIFIED = 0.01, 0.3, 6
 _LEAST_WINDOW_PX = 48
 
 
@@ -81,8 +81,10 @@ class Detector:
         self._caster: RayCaster = make_caster(part)
 
     def prepare(self) -> None:
-        """Make all of it now instead of when it is first asked for."""
-        _ = self.views, self.templates, self.groups
+        """Make all of it now instead of when it is first asked for; the compiled loops are loaded, too."""
+        import acp_lab.detection.kernels
+
+        _ = self.views, self.templates, self.groups, self._template_rotations, acp_lab.detection.kernels
 
     @cached_property
     def views(self) -> Views:
@@ -119,13 +121,14 @@ class Detector:
             near = prior.allows(self._template_rotations, self.part.box_centre, self._turns, _SCAN_SLACK_DEG)
             templates, groups, views = templates.take(near), groups[near], self._views_near(prior)
             image, camera = self._window(image, camera, prior)
-        image = without_specks(image)
+        image = yield from removing_specks(image)
         maps = DistanceMaps(image, camera, diameter, config)
         witness = Witness(self.part, self.generator, self._caster, maps)
         if not len(templates) or not len(views):
             return Look((), witness)
         scanned = yield from scan(image, camera, diameter, templates, groups, config)
         poses = start_poses(scanned, templates, self.views, camera)
+        yield START_WORK * len(poses)
         for how, most in zip(ROUNDS, (*config.kept, config.verified), strict=True):
             poses = yield from search_round(maps, views, poses, diameter, how)
             poses = yield from distinct(poses, diameter, most)
@@ -143,13 +146,15 @@ class Detector:
         config, depth_mm = self.config, prior.depth_mm(self.part.box_centre)
         share = log(prior.depth_ratio**2) / log(config.depth_mm[1] / config.depth_mm[0])
         share *= min(1.0, 2.0 * prior.within_deg / 180.0)
+        if prior.around_px is not None:
+            share *= _SHARE_NEARBY
         share = min(max(share, _LEAST_SHARE), 1.0)
         return replace(
             config,
             depth_mm=depth_mm,
             starts=round(share * config.starts),
             kept=tuple(round(share * kept) for kept in config.kept),
-            verified=round(share * config.verified),
+            verified=max(round(share * config.verified), _FEWEST_VERIFIED),
         )
 
     @cached_property

@@ -6,6 +6,8 @@ towards y. Metal reflects what it likes, so the sign of an edge's contrast says 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 
@@ -16,8 +18,12 @@ from acp_lab.imaging.edge_search import SCHARR_GAIN
 LEAST_GRADIENT = 5.0
 """Grey levels per px; below lie noise and brushed surfaces."""
 _BLUR_PX = 0.8
-GRADIENT_WORK, THIN_WORK, LAYER_WORK = 0.02, 0.008, 0.003
+_BAND_PIXELS, _OVERLAP = 100_000, 4
+"""Of the slices in which an image is gone through; rows beside a slice that the filters reach."""
+MEDIAN_WORK, BLUR_WORK, GRADIENT_WORK, THIN_WORK, DISTANCE_WORK, LAYER_WORK = 0.006, 0.008, 0.003, 0.008, 0.006, 0.0015
 """Of a pixel, see `work`."""
+RESIZE_WORK = 0.0015
+"""Of a value that is read or written."""
 
 
 def without_specks(image: ByteImage) -> ByteImage:
@@ -25,32 +31,27 @@ def without_specks(image: ByteImage) -> ByteImage:
     return cv2.medianBlur(np.ascontiguousarray(image), 5).astype(np.uint8, copy=False)
 
 
+def removing_specks(image: ByteImage) -> Steps[ByteImage]:
+    """`without_specks`, in slices."""
+    clean = np.empty(image.shape, np.uint8)
+    for first, last in bands(*image.shape[:2]):
+        top = max(first - _OVERLAP, 0)
+        clean[first:last] = without_specks(image[top : last + _OVERLAP])[first - top : last - top]
+        yield MEDIAN_WORK * (last - first) * image.shape[1]
+    return clean
+
+
 def resized(image: ByteImage, scale: float) -> ByteImage:
-    """The image at a scale; areas are averaged when it shrinks."""
+    """The image at a scale, areas averaged; halved as often as possible first, which costs next to nothing."""
     if scale == 1.0:
         return image
     size = (max(16, round(image.shape[1] * scale)), max(16, round(image.shape[0] * scale)))
-    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+    while scale <= 0.5 and min(image.shape[:2]) >= 2:
+        half = (image.shape[1] // 2, image.shape[0] // 2)
+        image = cv2.resize(image, half, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+        scale *= 2.0
+    way = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR  # without averages templates and evidence find less
     return cv2.resize(image, size, interpolation=way).astype(np.uint8, copy=False)
-
-
-def gradients(image: ByteImage) -> tuple[Float32Array, Float32Array]:
-    """(h, w) grey levels per px, x and y, of the colour channel with the strongest gradient."""
-    smooth = cv2.GaussianBlur(image, (0, 0), _BLUR_PX, borderType=cv2.BORDER_REPLICATE)
-    border = cv2.BORDER_REPLICATE
-    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=border)
-    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=border)
-    best_x: Float32Array = np.ascontiguousarray(gx[..., 0], np.float32)
-    best_y: Float32Array = np.ascontiguousarray(gy[..., 0], np.float32)
-    best = best_x * best_x + best_y * best_y
-    for channel in (1, 2):
-        x, y = gx[..., channel], gy[..., channel]
-        square = x * x + y * y
-        stronger = square > best
-        np.copyto(best_x, x, where=stronger)
-        np.copyto(best_y, y, where=stronger)
-        np.copyto(best, square, where=stronger)
-    return best_x, best_y
 
 
 def direction_bins(tangents: FloatArray, bins: int, turned_rad: FloatArray | float = 0.0) -> IntArray:
@@ -60,15 +61,33 @@ def direction_bins(tangents: FloatArray, bins: int, turned_rad: FloatArray | flo
 
 
 def oriented_edges(image: ByteImage, bins: int) -> Steps[ByteImage]:
-    """(bins, h, w) uint8: 1 where an edge of that direction runs, one px wide."""
-    from acp_lab.detection.kernels import thin_oriented
+    """(bins, h, w) uint8: 1 where an edge of that direction runs, one px wide; of the strongest colour channel."""
+    from acp_lab.detection.kernels import strongest_gradients, thin_oriented
 
-    gx, gy = gradients(image)
-    yield GRADIENT_WORK * gx.size
-    edges = np.zeros((bins, *gx.shape), np.uint8)
-    thin_oriented(gx, gy, np.float32(LEAST_GRADIENT), np.uint8(1), edges)
-    yield THIN_WORK * gx.size
+    height, width = image.shape[:2]
+    smooth = np.empty(image.shape, np.uint8)
+    for first, last in bands(height, width):
+        top = max(first - _OVERLAP, 0)
+        band = cv2.GaussianBlur(image[top : last + _OVERLAP], (0, 0), _BLUR_PX, borderType=cv2.BORDER_REPLICATE)
+        smooth[first:last] = band[first - top : last - top]
+        yield BLUR_WORK * (last - first) * width
+    red, green, blue = cv2.split(cv2.copyMakeBorder(smooth, 1, 1, 1, 1, cv2.BORDER_REPLICATE))
+    gx, gy = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    for first, last in bands(height, width):
+        strongest_gradients(red, green, blue, np.float32(SCHARR_GAIN), first, last, gx, gy)
+        yield GRADIENT_WORK * (last - first) * width
+    edges = np.zeros((bins, height, width), np.uint8)
+    for first, last in bands(height, width):
+        thin_oriented(gx, gy, np.float32(LEAST_GRADIENT), np.uint8(1), first, last, edges)
+        yield THIN_WORK * (last - first) * width
     return edges
+
+
+def bands(height: int, width: int) -> Iterator[tuple[int, int]]:
+    """First and last row of the slices in which an image is gone through."""
+    step = max(1, _BAND_PIXELS // max(width, 1))
+    for first in range(0, height, step):
+        yield first, min(first + step, height)
 
 
 def distances(edges: ByteImage, most_px: float) -> Steps[Float32Array]:
@@ -77,5 +96,5 @@ def distances(edges: ByteImage, most_px: float) -> Steps[Float32Array]:
     for layer, out in zip(edges, found, strict=True):
         cv2.distanceTransform(1 - layer, cv2.DIST_L2, 3, dst=out)
         np.minimum(out, np.float32(most_px), out=out)
-        yield LAYER_WORK * layer.size
+        yield DISTANCE_WORK * layer.size
     return found

@@ -16,7 +16,7 @@ from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.detection.edge_maps import direction_bins
-from acp_lab.detection.pose_search import MAP_BINS, DistanceMaps
+from acp_lab.detection.pose_search import MAP_BINS, UNITS, ZERO_LEVEL, DistanceMaps
 from acp_lab.detection.view_templates import CELL_DIAMETERS, spread
 from acp_lab.generator.base import RigidGenerator, project_samples
 from acp_lab.geometry.arrays import BoolArray, FloatArray
@@ -116,7 +116,7 @@ class Witness:
             return None
         at = (direction_bins(edges.tangents[rows], MAP_BINS), line[rows], column[rows])
         near = np.maximum(1.0 - distance[at] / _REACH_PX, 0.0)
-        usual = maps.response(level, _REACH_PX)[at]
+        above_usual = (maps.map(level, _REACH_PX)[at].astype(np.float64) - ZERO_LEVEL) / UNITS
         outline = edges.outline[rows]
 
         x0, y0, x1, y1 = box
@@ -131,7 +131,7 @@ class Witness:
         return Evidence(
             outline=_mean(near[outline]),
             inner=_mean(near[~outline]),
-            over_chance=float(usual.mean()),
+            over_chance=float(above_usual.mean()),
             explained=found / total if total else 0.0,
             margin=_colour_margin(maps.image(level)[y0:y1, x0:x1], mask),
             length=CELL_DIAMETERS * len(rows),

@@ -15,14 +15,15 @@ CHUNK = 4096
 
 
 @kernel(
-    "void(int8[:, ::1], int32[:, ::1], int32[:, ::1], int64[::1], float32[::1], int64[::1], int64, int64,"
-    " float32[:, ::1], int32[:, ::1])",
+    "void(int8[:, ::1], int32[:, ::1], int32[:, ::1], int64[::1], float32[::1], int64[::1], int64, int64, int64,"
+    " int64, float32[:, ::1], int32[:, ::1])",
 )
 def scan_templates(
     planes: np.ndarray, plane_of: np.ndarray, shifts: np.ndarray, counts: np.ndarray, gains: Float32Array,
-    groups: np.ndarray, first: int, length: int, best: Float32Array, best_template: np.ndarray,
+    groups: np.ndarray, from_template: int, to_template: int, first: int, length: int, best: Float32Array,
+    best_template: np.ndarray,
 ) -> None:  # fmt: skip
-    """The best template of each group at each position; see `scan.scan`.
+    """The best of some templates of each group at each position; see `scan.scan`.
 
     planes: (p, n) responses of one direction and phase each. plane_of, shifts: (t, f) which plane a feature reads,
     and how far from the position. best, best_template: (groups, length), updated.
@@ -30,7 +31,7 @@ def scan_templates(
     total = np.empty(CHUNK, np.int16)
     for begin in range(0, length, CHUNK):
         size = min(CHUNK, length - begin)
-        for t in range(len(counts)):
+        for t in range(from_template, to_template):
             total[:] = 0
             for f in range(counts[t]):
                 row = planes[plane_of[t, f]]
@@ -147,17 +148,100 @@ def climb(
 
 
 @kernel(
-    "void(float32[:, ::1], float32[:, ::1], float32, uint8, uint8[:, :, ::1])",
+    "void(uint8[:, ::1], uint8[:, ::1], uint8[:, ::1], float32, int64, int64, float32[:, ::1], float32[:, ::1])",
+)
+def strongest_gradients(
+    red: np.ndarray, green: np.ndarray, blue: np.ndarray, gain: np.float32, first: int, last: int,
+    gradient_x: Float32Array, gradient_y: Float32Array,
+) -> None:  # fmt: skip
+    """Scharr gradients times `gain` of the channel in which they are strongest, for rows from `first` to `last`.
+
+    red, green, blue: (h + 2, w + 2), with a border of one px. gradient_x, gradient_y: (h, w), written.
+    """
+    width = gradient_x.shape[1]
+    strongest = np.empty(width, np.float32)
+    three, ten = np.float32(3.0) * gain, np.float32(10.0) * gain
+    for y in range(first, last):
+        strongest[:] = -1.0
+        row_x, row_y = gradient_x[y], gradient_y[y]
+        for channel in range(3):
+            plane = red if channel == 0 else (green if channel == 1 else blue)
+            above, here, below = plane[y], plane[y + 1], plane[y + 2]
+            for x in range(width):
+                a, b, c = np.float32(above[x]), np.float32(above[x + 1]), np.float32(above[x + 2])
+                d, e = np.float32(here[x]), np.float32(here[x + 2])
+                f, g, h = np.float32(below[x]), np.float32(below[x + 1]), np.float32(below[x + 2])
+                gx = three * (c - a + h - f) + ten * (e - d)
+                gy = three * (f - a + h - c) + ten * (g - b)
+                square = gx * gx + gy * gy
+                better = square > strongest[x]
+                strongest[x] = square if better else strongest[x]
+                row_x[x] = gx if better else row_x[x]
+                row_y[x] = gy if better else row_y[x]
+
+
+@kernel(
+    "void(float32[:, ::1], float32, uint8[:, ::1])",
+)
+def nearness(distance: Float32Array, reach: np.float32, near: ByteImage) -> None:
+    """255 where the distance (h, w) px is 0, down to 0 at `reach`, into `near`."""
+    height, width = distance.shape
+    slope = np.float32(-255.0) / reach
+    for y in range(height):
+        for x in range(width):
+            value = max(np.float32(255.5) + slope * distance[y, x], np.float32(0.0))
+            near[y, x] = np.uint8(np.int32(value))
+
+
+@kernel(
+    "int64(float32[:, ::1], float32[:, :, ::1], float32, float32, int64, int64, int64, int64[::1], int64)",
+)
+def keep_distinct(
+    centres: Float32Array, rotations: Float32Array, near: np.float32, least_trace: np.float32, first: int, last: int,
+    most: int, kept: np.ndarray, count: int,
+) -> int:  # fmt: skip
+    """Go on with rows `first` to `last`: those unlike all that are kept join them; returns how many are kept.
+
+    Alike: centres (n, 3) nearer than `near` mm and the trace of the turn between rotations (n, 3, 3) above
+    `least_trace`. kept: (most,) rows, the first `count` in use.
+    """
+    for i in range(first, last):
+        if count == most:
+            break
+        is_new = True
+        for k in range(count):
+            j = kept[k]
+            square = np.float32(0.0)
+            for a in range(3):
+                square += (centres[i, a] - centres[j, a]) ** 2
+            if square >= near * near:
+                continue
+            trace = np.float32(0.0)
+            for a in range(3):
+                for b in range(3):
+                    trace += rotations[i, a, b] * rotations[j, a, b]
+            if trace > least_trace:
+                is_new = False
+                break
+        if is_new:
+            kept[count] = i
+            count += 1
+    return count
+
+
+@kernel(
+    "void(float32[:, ::1], float32[:, ::1], float32, uint8, int64, int64, uint8[:, :, ::1])",
 )
 def thin_oriented(
-    gradient_x: Float32Array, gradient_y: Float32Array, least: np.float32, value: np.uint8, edges: ByteImage
-) -> None:
-    """Gradient maxima across edges, as `value` in the bin of the edge's direction; edges: (bins, h, w), zero before.
+    gradient_x: Float32Array, gradient_y: Float32Array, least: np.float32, value: np.uint8, first: int, last: int,
+    edges: ByteImage,
+) -> None:  # fmt: skip
+    """Gradient maxima across edges, as `value` in the bin of the edge's direction, for rows from `first` to `last`.
 
-    The bin of the edge's direction, at right angles to the gradient.
+    edges: (bins, h, w), zero before. The edge's direction is at right angles to the gradient.
     """
     bins, height, width = edges.shape
-    for y in range(1, height - 1):
+    for y in range(max(first, 1), min(last, height - 1)):
         for x in range(1, width - 1):
             gx, gy = gradient_x[y, x], gradient_y[y, x]
             square = gx * gx + gy * gy

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.edge_maps import LAYER_WORK, distances, oriented_edges, resized
+from acp_lab.detection.edge_maps import LAYER_WORK, RESIZE_WORK, distances, oriented_edges, resized
 from acp_lab.detection.view_templates import Views
 from acp_lab.detection.work import Steps, finish
 from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
@@ -28,11 +28,12 @@ _PX_PER_BIN = 1.5
 """What an edge turned by one bin is away, in px of the map."""
 ZERO_LEVEL = 64
 """Of the 256 levels of a map: what no edge and no surroundings say."""
-_UNITS = 160.0
+UNITS = 160.0
+"""Levels between no edge and an edge."""
 _LOCAL_MEAN_SHARE = 0.7
 _LENGTH_POWER = 0.5
-_DISTINCT_WORK = 14.0
-"""Of a pose that is compared with those kept."""
+_DISTINCT_ROWS, _DISTINCT_WORK = 64, 0.005
+"""Poses of a slice; work of a pair that is compared."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,9 @@ class Round:
 
 
 ROUNDS = (
-    Round(8.0, 6.0, 0.04, 0.05, 2, 150.0),
-    Round(4.0, 4.0, 0.02, 0.03, 3, 170.0),
-    Round(4.0, 2.0, 0.01, 0.015, 3, 80.0),
+    Round(8.0, 6.0, 0.04, 0.05, 2, 90.0),
+    Round(4.0, 4.0, 0.02, 0.03, 3, 100.0),
+    Round(4.0, 2.0, 0.01, 0.015, 3, 50.0),
 )
 
 
@@ -66,7 +67,6 @@ class DistanceMaps:
         self._images: dict[int, ByteImage] = {}
         self._edges: dict[int, BoolArray] = {}
         self._distances: dict[int, tuple[float, Float32Array]] = {}
-        self._responses: dict[tuple[int, float], Float32Array] = {}
         self._maps: dict[tuple[int, float], ByteImage] = {}
 
     def level(self, depths: FloatArray) -> IntArray:
@@ -91,6 +91,7 @@ class DistanceMaps:
         if level in self._distances:
             return
         image = self.image(level)
+        yield RESIZE_WORK * (self._image.size + image.size)
         edges = yield from oriented_edges(image, MAP_BINS)
         found = yield from distances(edges, 12.0)
         for _ in range(2):  # a direction near that of the edge counts as a little further
@@ -102,6 +103,7 @@ class DistanceMaps:
                 np.minimum(layer, beside, out=layer)
                 yield LAYER_WORK * layer.size
         self._edges[level] = edges.max(0) > 0
+        yield LAYER_WORK * edges.size
         self._distances[level] = (image.shape[1] / self._image.shape[1], found)
 
     def image(self, level: int) -> ByteImage:
@@ -115,36 +117,26 @@ class DistanceMaps:
         self.scaled(level)
         return self._edges[level]
 
-    def response(self, level: int, reach_px: float) -> Float32Array:
-        """(bins, h, w): 1 on an edge, 0 from the reach on, less most of the mean around."""
-        finish(self._making_response(level, reach_px))
-        return self._responses[level, reach_px]
-
-    def _making_response(self, level: int, reach_px: float) -> Steps[None]:
-        if (level, reach_px) in self._responses:
-            return
-        _, found = self.scaled(level)
-        near, side = np.empty_like(found), (int(self.search_px), int(self.search_px))
-        for layer, distance in zip(near, found, strict=True):
-            np.maximum(1.0 - distance / np.float32(reach_px), 0.0, out=layer)
-            layer -= _LOCAL_MEAN_SHARE * cv2.boxFilter(layer, -1, side, borderType=cv2.BORDER_REFLECT)
-            yield LAYER_WORK * layer.size
-        self._responses[level, reach_px] = near
-
     def map(self, level: int, reach_px: float) -> ByteImage:
-        """(bins, h, w): the response in 256 levels."""
+        """(bins, h, w) 256 levels: UNITS above ZERO_LEVEL on an edge, less towards the reach, less for edges around."""
         finish(self._making_map(level, reach_px))
         return self._maps[level, reach_px]
 
     def _making_map(self, level: int, reach_px: float) -> Steps[None]:
+        from acp_lab.detection.kernels import nearness
+
         if (level, reach_px) in self._maps:
             return
-        yield from self._making_response(level, reach_px)
-        response = self._responses[level, reach_px]
-        levels = np.empty(response.shape, np.uint8)
-        for layer, from_layer in zip(levels, response, strict=True):
-            np.clip(ZERO_LEVEL + _UNITS * from_layer, 0, 255, out=layer, casting="unsafe")
-            yield LAYER_WORK * layer.size
+        yield from self.making_distances(level)
+        _, found = self._distances[level]
+        levels, side = np.empty(found.shape, np.uint8), (int(self.search_px), int(self.search_px))
+        gain = UNITS / 255.0
+        near = np.empty(found.shape[1:], np.uint8)
+        for layer, distance in zip(levels, found, strict=True):
+            nearness(distance, np.float32(reach_px), near)
+            usual = cv2.boxFilter(near, -1, side, borderType=cv2.BORDER_REFLECT)
+            cv2.addWeighted(near, gain, usual, -_LOCAL_MEAN_SHARE * gain, ZERO_LEVEL, dst=layer)
+            yield 2.0 * LAYER_WORK * layer.size
         self._maps[level, reach_px] = levels
 
     def intrinsics(self, level: int) -> tuple[float, float, float, float]:
@@ -174,7 +166,7 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
     """Each pose climbed to a better one nearby; the best first."""
     from acp_lab.detection.kernels import climb
 
-    table = ((np.arange(256) - ZERO_LEVEL) / _UNITS).astype(np.float32)
+    table = ((np.arange(256) - ZERO_LEVEL) / UNITS).astype(np.float32)
     eyes = -np.einsum("nji,nj->ni", poses.rotations, poses.centres)
     nearest = views.nearest(eyes)
     levels = maps.level(poses.centres[:, 2].astype(np.float64))
@@ -213,14 +205,13 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
 
 def distinct(poses: Poses, diameter: float, most: int) -> Steps[Poses]:
     """The best of poses that are nearly the same, in their order: within 6% of the diameter and 5 degrees."""
-    kept: list[int] = []
-    for i in range(len(poses)):
-        if len(kept) == most:
-            break
-        others = np.array(kept, np.int64)
-        near: BoolArray = np.linalg.norm(poses.centres[others] - poses.centres[i], axis=1) < 0.06 * diameter
-        cosine = 0.5 * (np.einsum("nij,ij->n", poses.rotations[others], poses.rotations[i]) - 1.0)
-        if not (near & (cosine > 0.9962)).any():
-            kept.append(i)
-        yield _DISTINCT_WORK
-    return poses.take(np.array(kept, np.int64))
+    from acp_lab.detection.kernels import keep_distinct
+
+    kept, count = np.zeros(max(most, 1), np.int64), 0
+    near, least_trace = np.float32(0.06 * diameter), np.float32(1.0 + 2.0 * np.cos(np.radians(5.0)))
+    for first in range(0, len(poses), _DISTINCT_ROWS):
+        last = min(first + _DISTINCT_ROWS, len(poses))
+        begin = count
+        count = keep_distinct(poses.centres, poses.rotations, near, least_trace, first, last, most, kept, begin)
+        yield _DISTINCT_WORK * (last - first) * (begin + 1)
+    return poses.take(kept[:count])

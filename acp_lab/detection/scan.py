@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.edge_maps import LAYER_WORK, distances, oriented_edges, resized, without_specks
+from acp_lab.detection.edge_maps import LAYER_WORK, RESIZE_WORK, distances, oriented_edges, removing_specks, resized
 from acp_lab.detection.view_templates import SCAN_BINS, Templates
 from acp_lab.detection.work import Steps
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
@@ -28,10 +28,9 @@ _NEIGHBOUR_SHARE = 0.6
 _LOCAL_MEAN_SHARE = 0.6
 """Not all of it: the part itself is in its surroundings."""
 _UNITS = 100.0
-_BLOCK = 256
-"""Templates of a slice."""
-FEATURE_WORK = 2.5e-5
-"""Of a feature at a place."""
+_SLICE_WORK = 2000.0
+FEATURE_WORK, PLANE_WORK = 3.5e-5, 0.005
+"""Of a feature at a place; of a response that is laid out."""
 LARGEST_SCALE = 1.05
 """A part that appears smaller than scan_px has too few pixels to be told from others."""
 
@@ -73,6 +72,7 @@ def scan(
         if scale > LARGEST_SCALE:
             continue
         small = resized(image, scale)
+        yield RESIZE_WORK * (image.size + small.size)
         ratio = np.array([small.shape[1] / image.shape[1], small.shape[0] / image.shape[0]])
         response = yield from responses(small, config)
         scores, ids, places = yield from _scan_level(response, templates, groups, config)
@@ -92,7 +92,8 @@ def responses(image: ByteImage, config: DetectionConfig) -> Steps[Float32Array]:
     not.
     """
     plain = yield from _nearness(image, config.spread_px)
-    cleaned = yield from _nearness(without_specks(image), config.spread_px)
+    clean = yield from removing_specks(image)
+    cleaned = yield from _nearness(clean, config.spread_px)
     window = (int(config.scan_px), int(config.scan_px))
     for layer, other in zip(plain, cleaned, strict=True):
         layer += other
@@ -126,13 +127,15 @@ def _scan_level(
     margin = int(np.ceil(0.6 * config.scan_px / step)) + 1
     rows, columns = -(-height // step), -(-width // step)
     high, wide = rows + 2 * margin, columns + 2 * margin
-    padded = np.zeros((SCAN_BINS, high * step, wide * step), np.int8)
-    padded[:, margin * step : margin * step + height, margin * step : margin * step + width] = np.rint(
-        _UNITS * response
-    )
-    planes = padded.reshape(SCAN_BINS, high, step, wide, step).transpose(0, 2, 4, 1, 3)
-    planes = planes.reshape(SCAN_BINS * step * step, high * wide)
-    planes = np.ascontiguousarray(np.pad(planes, ((0, 0), (0, CHUNK))))
+    planes = np.zeros((SCAN_BINS, step, step, high * wide + CHUNK), np.int8)
+    padded = np.zeros((high * step, wide * step), np.int8)
+    at = margin * step
+    for layer, from_layer in zip(planes, response, strict=True):
+        padded[at : at + height, at : at + width] = np.rint(_UNITS * from_layer)
+        phases = padded.reshape(high, step, wide, step).transpose(1, 3, 0, 2)
+        layer[..., : high * wide] = phases.reshape(step, step, high * wide)
+        yield PLANE_WORK * padded.size
+    planes = planes.reshape(SCAN_BINS * step * step, -1)
     x, y = templates.offsets[..., 0], templates.offsets[..., 1]
     plane_of = ((templates.bins * step + y % step) * step + x % step).astype(np.int32)
     shifts = ((y // step) * wide + x // step).astype(np.int32)
@@ -140,14 +143,11 @@ def _scan_level(
     best: Float32Array = np.full((GROUPS, length), -1e9, np.float32)
     ids = np.zeros((GROUPS, length), np.int32)
     counts, gains = templates.counts, templates.gains
-    for begin in range(0, len(counts), _BLOCK):
-        block = slice(begin, begin + _BLOCK)
-        before = best.copy()
-        scan_templates(
-            planes, plane_of[block], shifts[block], counts[block], gains[block], groups[block], first, length, best, ids
-        )
-        ids[best > before] += begin  # the block counts from 0
-        yield FEATURE_WORK * length * float(counts[block].sum())
+    block = max(1, int(_SLICE_WORK / (FEATURE_WORK * length * counts.max())))
+    for begin in range(0, len(counts), block):
+        end = min(begin + block, len(counts))
+        scan_templates(planes, plane_of, shifts, counts, gains, groups, begin, end, first, length, best, ids)
+        yield FEATURE_WORK * length * float(counts[begin:end].sum())
 
     inside = slice(margin, margin + columns)
     best = (best.reshape(GROUPS, rows, wide)[:, :, inside] / _UNITS).astype(np.float32)

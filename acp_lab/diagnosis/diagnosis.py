@@ -52,6 +52,7 @@ class Diagnosis:
         evidence: what it shows at `measured_at`, "the true pose" or "the tracked pose"; found_limit: share of found
             edges below which they are few.
         hidden: (n,) bool, which of the evidence's edge points are missing in one connected region.
+        lost_since: the first frame of the lost stretch that `frame` belongs to; None where it is not lost.
     """
 
     run_name: str
@@ -72,6 +73,7 @@ class Diagnosis:
     measured_at: str = ""
     hidden: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     found_limit: float = DiagnosisConfig.found_share
+    lost_since: int | None = None
 
     @property
     def is_good(self) -> bool:
@@ -93,6 +95,9 @@ class Diagnosis:
         text += "."
         if self.onset < self.frame:
             text += f" The problem began in frame {self.onset}."
+        if self.lost_since is not None:
+            text += f" Lost since frame {self.lost_since}"
+            text += "." if self.result.sought is None else f"; {self.result.sought}."
         return text
 
     @property
@@ -243,7 +248,17 @@ class _Case:
             "the tracked pose" if self.truth(number) is None else "the true pose",
             hidden,
             self.config.found_share,
+            self.lost_since(),
         )
+
+    def lost_since(self) -> int | None:
+        """The first frame of the lost stretch, None where the part is not lost."""
+        if self.result.state is not TrackState.LOST:
+            return None
+        first = self.frame
+        while first > 0 and self.results[first - 1].state is TrackState.LOST:
+            first -= 1
+        return first
 
     def measured_frame(self) -> int:
         """The frame whose image is measured; of a lost stretch the first one, where the tracked pose is still near."""

@@ -23,6 +23,7 @@ from acp_lab.sequences.results_csv import ResultRow
 from acp_lab.tracking.observer import SessionInfo, TrackedObject
 from acp_lab.tracking.result import Timings, TrackResult, TrackState
 from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.sought import Sought
 from acp_lab.tracking.states import StateConfig, StateMachine
 
 
@@ -32,6 +33,7 @@ def run_from_rows(
     parts: Mapping[int, Part],
     method: str,
     states: StateConfig | None = None,
+    searches: Mapping[tuple[int, int], Sought] | None = None,
 ) -> TrackRun:
     """A run over one scene as its rows tell it.
 
@@ -39,6 +41,7 @@ def run_from_rows(
         rows: of that scene; those of other scenes are left out.
         parts: by object id; only these objects are taken.
         states: limits between tracking, weak and lost; by default the tracker's own.
+        searches: by (object id, image id), where a lost part was looked for.
 
     Raises:
         SequenceError: no rows, or no image can be read (for the camera).
@@ -51,7 +54,7 @@ def run_from_rows(
         raise SequenceError(f"{sequence.name}: the results have no row of this scene and these objects")
     camera = _camera(sequence)
     results = {
-        object_id: _results(of_one, parts[object_id], camera, states or StateConfig())
+        object_id: _results(of_one, parts[object_id], camera, states or StateConfig(), searches or {})
         for object_id, of_one in of_object.items()
         if of_one
     }
@@ -68,7 +71,13 @@ def _camera(sequence: protocol.Sequence) -> Camera:
     raise SequenceError(f"{sequence.name}: none of its images can be read: check the data set")
 
 
-def _results(rows: Sequence[ResultRow], part: Part, camera: Camera, states: StateConfig) -> tuple[TrackResult, ...]:
+def _results(
+    rows: Sequence[ResultRow],
+    part: Part,
+    camera: Camera,
+    states: StateConfig,
+    searches: Mapping[tuple[int, int], Sought],
+) -> tuple[TrackResult, ...]:
     machine = StateMachine(states)
     results: list[TrackResult] = []
     for row in rows:
@@ -91,6 +100,7 @@ def _results(rows: Sequence[ResultRow], part: Part, camera: Camera, states: Stat
                 iterations=0,
                 timings=Timings(total_s=max(row.time_s, 0.0)),
                 note=note,
+                sought=searches.get((row.obj_id, row.im_id)),
             )
         )
     return tuple(results)

@@ -7,12 +7,14 @@ image is asked again what it says of the poses that come out.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.detector import Candidate, Detector
+from acp_lab.detection.detector import EVIDENCE_WORK, Candidate, Detector
+from acp_lab.detection.edge_maps import RESIZE_WORK
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Steps, finish
 from acp_lab.geometry.arrays import FloatArray
@@ -27,9 +29,12 @@ from acp_lab.tracking.stopwatch import Stopwatch
 ACCEPTED = 0.9
 """From this score on a hypothesis counts as found."""
 ALIGNED, ALIGNED_NEAR = 12, 4
-ALIGN_WORK = 4500.0
+LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
+"""Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
 _RIVALS = 8
 _MARGIN_PX = 40.0
+_LARGE_PX = 250.0
+"""A part that appears more than twice as large is aligned in a halved image: time stays bounded."""
 _SAME_SHARE = 0.1
 """Of the diameter: poses whose points are no further apart are one hypothesis."""
 
@@ -75,34 +80,59 @@ class Finder:
         """
         return finish(self.search(frame, top, prior))
 
-    def search(self, frame: Frame, top: int = 3, prior: PosePrior | None = None) -> Steps[tuple[Detection, ...]]:
-        """`find`, in slices."""
+    def search(
+        self, frame: Frame, top: int = 3, prior: PosePrior | None = None, aligned_most: int | None = None
+    ) -> Steps[tuple[Detection, ...]]:
+        """`find`, in slices.
+
+        aligned_most: of the candidates, how many are aligned; 0 for who aligns them in the end.
+        """
+        if aligned_most is None:
+            aligned_most = ALIGNED if prior is None else ALIGNED_NEAR
         look = yield from self.detector.search(frame.image, frame.camera, prior)
-        aligned = list[Candidate]()
-        for candidate in self._distinct(look.candidates, ALIGNED if prior is None else ALIGNED_NEAR):
+        aligned, halves = list[Candidate](), [frame]
+        for candidate in self._distinct(look.candidates, aligned_most or _RIVALS):
             aligned.append(candidate)
-            pose = self._align(frame, candidate.cam_T_obj)
-            yield ALIGN_WORK
+            if aligned_most == 0:
+                continue
+            pose = yield from self._aligning(halves, candidate.cam_T_obj)
             evidence = None if pose is None else look.witness.look(pose)
             if pose is not None and evidence is not None:
                 aligned.append(Candidate(pose, evidence))
+                yield EVIDENCE_WORK
         best = self._distinct(sorted(aligned, key=lambda c: -c.evidence.log_odds), max(top, _RIVALS))
         return tuple(
             Detection(c.cam_T_obj, score, c.view_obj) for c, score in zip(best[:top], shared_scores(best), strict=False)
         )
 
-    def _align(self, frame: Frame, pose: FloatArray) -> FloatArray | None:
-        """The pose that the tracker's solver makes of one; None where it left the part or saw too little."""
+    def _aligning(self, halves: list[Frame], pose: FloatArray) -> Steps[FloatArray | None]:
+        """The pose that the tracker's solver makes of one; None where it left the part or saw too little.
+
+        halves: the frame, and the frame halved once, twice and so on; more are added as they are needed.
+        """
+        depth = max(float(transform(pose, self.model.part.box_centre)[2]), 1.0)
+        size_px = self.model.part.diameter * halves[0].camera.fx / depth
+        fold = max(0, int(np.log2(max(size_px, 1.0) / _LARGE_PX)))
+        while len(halves) <= fold:
+            halves.append(_halved(halves[-1]))
+            yield RESIZE_WORK * halves[-2].image.size
+        frame = halves[fold]
         region = self._solver.choose_region(pose)
         seen = self._solver.look(frame.image, frame.camera, pose, region, _MARGIN_PX)
         if seen is None:
             return None
-        solution = self._solver.solve(seen, seen.view.at_pose(pose), Stopwatch(), WIDE_LEVELS[1:])
-        if solution is None or not np.isfinite(solution.cam_T_obj).all():
-            return None
-        moved = transform(solution.cam_T_obj, self._points_obj) - transform(pose, self._points_obj)
+        x0, y0, x1, y1 = seen.view.box
+        yield LOOK_WORK * (x1 - x0) * (y1 - y0)
+        at = seen.view.at_pose(pose)
+        for level in WIDE_LEVELS[1:]:
+            solution = self._solver.solve(seen, at, Stopwatch(), (level,))
+            yield LEVEL_WORK
+            if solution is None or not np.isfinite(solution.cam_T_obj).all():
+                return None
+            at = solution.estimate
+        moved = transform(at.cam_T_obj, self._points_obj) - transform(pose, self._points_obj)
         far = np.linalg.norm(moved, axis=1).mean() > 0.3 * self.model.part.diameter
-        return None if far else solution.cam_T_obj
+        return None if far else at.cam_T_obj
 
     def _distinct(self, candidates: Iterable[Candidate], most: int) -> list[Candidate]:
         """The best of those that are nearly the same, a symmetric part's equal poses included."""
@@ -117,6 +147,13 @@ class Finder:
                 kept.append(candidate)
                 places.append(transform(candidate.cam_T_obj, self._points_obj))
         return kept
+
+
+def _halved(frame: Frame) -> Frame:
+    camera = frame.camera.halved()
+    even = frame.image[: 2 * camera.height, : 2 * camera.width]
+    small = cv2.resize(even, (camera.width, camera.height), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    return replace(frame, image=small, camera=camera)
 
 
 def shared_scores(candidates: Sequence[Candidate]) -> list[float]:

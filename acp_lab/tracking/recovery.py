@@ -78,22 +78,20 @@ class WayBack:
         budget: work per frame, see `detection.work`: about as many microseconds.
         proposals: hypotheses of a search that are tried.
         least_score: that a hypothesis must have for that.
-        gain: how much better than the frame's own a proposal's score must be.
     """
 
     kind: ClassVar[str] = "detector"
-    budget: float = 20_000.0
+    budget: float = 25_000.0
     proposals: int = 1
-    least_score: float = 0.5
-    gain: float = 0.1
+    least_score: float = 0.35
 
     def __post_init__(self) -> None:
         if not 0.0 < self.budget < float("inf"):
             raise TrackingError(f"way_back.budget = {self.budget:g}: give a number above 0")
         if not 1 <= self.proposals <= 100:
             raise TrackingError(f"way_back.proposals = {self.proposals}: give 1 to 100")
-        if not (0.0 <= self.least_score <= 1.0 and 0.0 <= self.gain < float("inf")):
-            raise TrackingError("way_back: least_score must be from 0 to 1, gain 0 or more")
+        if not 0.0 <= self.least_score <= 1.0:
+            raise TrackingError(f"way_back.least_score = {self.least_score:g}: give 0 to 1")
 
 
 @dataclass(frozen=True, eq=False)

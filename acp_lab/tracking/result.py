@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import Float32Array, FloatArray
+from acp_lab.tracking.sought import Sought
 
 NOT_PREPARED = "is not prepared"
 """In the note of the frame in which a part turned to a view region that its generator was not prepared for."""
@@ -93,6 +94,7 @@ class TrackResult:
             right (how likely that is says `quality`), see `uncertainty`; None where the pose was given, held or
             predicted, and for methods without it.
         target: what was found in the image; None unless the tracker's `records_target` is set.
+        sought: of a lost part, where it was looked for and what was found; else None.
     """
 
     frame_id: int
@@ -111,3 +113,4 @@ class TrackResult:
     steps: tuple[TrackStep, ...] = ()
     covariance: FloatArray | None = None
     target: TargetView | None = None
+    sought: Sought | None = None

@@ -33,6 +33,7 @@ from acp_lab.tracking.schedule import Level, PixelSchedule
 from acp_lab.tracking.search import WIDE_LEVELS, better, is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.sought import Sought
 from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -169,28 +170,31 @@ class Tracker:
         if isinstance(frame, UnreadableFrame):
             predicted = self.predicted
             self._predictor.coast()
+            self._fitted = False
             changed = self._states.update(0.0)
             note = f"{frame.reason}; {changed}" if changed else frame.reason
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         frame = self._steady(frame, clock)
-        predicted, solution = self._track(frame, clock)
-        if self._is_lost and self._way_back is not None:
-            solution = self._found(frame, solution, self._way_back, clock)
+        proposals = self._proposals(frame, clock)
+        if proposals:
+            predicted, solution = self.predicted, self._try(frame, proposals, clock)
         else:
-            solution = self._recover(frame, predicted, solution, clock)
+            predicted, solution = self._track(frame, clock)
+            if not self._is_lost or self._way_back is None:
+                solution = self._recover(frame, predicted, solution, clock)
         quality = 0.0 if solution is None else self._quality(solution)
         note = self._states.update(quality)
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             self._predictor.restart(self.last)
-            self._carried = None
+            self._carried, self._fitted = None, False
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
-        fits = quality > self.method.states.found_above
-        if fits:
-            self._last_seen = solution.cam_T_obj
-        if self._is_lost and self._way_back is not None and not fits:
-            # A search that follows what does not fit ends up anywhere.
-            self._predictor.restart(self._last_seen)
+        fits = self._fitted = quality > self.method.states.found_above
+        if self._states.state is TrackState.TRACKING:
+            self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
+        if self._is_lost and self._way_back is not None:
+            # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
+            self._predictor.restart(solution.cam_T_obj if fits else self._last_seen)
             self._carried = None
         else:
             self._predictor.observe(solution.cam_T_obj, quality, solution.information)
@@ -225,7 +229,7 @@ class Tracker:
             self._way_back.forget()
         if self._tones is not None:
             self._tones.forget()
-        self._started = self._trusted = False
+        self._started = self._trusted = self._fitted = False
         self._region = 0
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
         self._mean_quality = self._mean_score = self._last_score = 0.0
@@ -336,34 +340,29 @@ class Tracker:
     def _is_lost(self) -> bool:
         return self._states.state is TrackState.LOST
 
-    def _found(
-        self, frame: Frame, first: Solution | None, way_back: Reacquisition, clock: Stopwatch
-    ) -> Solution | None:
-        """The first try of a frame in which the part is lost, or one from where the detector saw it."""
+    def _proposals(self, frame: Frame, clock: Stopwatch) -> list[FloatArray]:
+        """Where the detector saw a lost part; it is not asked while the part seems to be back."""
+        if self._way_back is None or not self._is_lost or self._fitted:
+            return []
         clock.lap()
-        proposals = way_back.proposals(frame, self._last_seen)
+        proposals = self._way_back.proposals(frame, self._last_seen)
         clock.search_s += clock.lap()
-        best, region = first, self._region
+        return proposals
+
+    def _try(self, frame: Frame, proposals: list[FloatArray], clock: Stopwatch) -> Solution | None:
+        """The best solution from proposals; the search goes on around it where it fits."""
+        best, region = None, self._region
         for pose in proposals:
             self._region = self.solver.choose_region(pose)
             seen = self._look(frame, pose, clock)
-            wide = None if seen is None else self.solver.solve(seen, seen.view.at_pose(pose), clock, WIDE_LEVELS)
+            wide = None if seen is None else self.solver.solve(seen, seen.view.at_pose(pose), clock, WIDE_LEVELS[1:])
             tried = None if seen is None or wide is None else self.solver.solve(seen, wide.estimate, clock)
-            if tried is not None and self._is_better(tried, best):
+            if tried is not None and (best is None or tried.score > best.score):
                 best, region = tried, self._region
         self._region = region
-        if best is not None and best is not first:
-            self._predictor.restart(best.cam_T_obj)
-            self._carried = None
-            way_back.look_around(best.cam_T_obj)
+        if best is not None and self._way_back is not None and self._quality(best) > self.method.states.found_above:
+            self._way_back.look_around(best.cam_T_obj)
         return best
-
-    def _is_better(self, tried: Solution, best: Solution | None) -> bool:
-        """Whether a proposal is what it takes to be found, and better than what else there is."""
-        config = self.method.way_back
-        if isinstance(config, Off) or self._quality(tried) <= self.method.states.found_above:
-            return False
-        return best is None or tried.score > best.score + config.gain
 
     def _steady(self, frame: Frame, clock: Stopwatch) -> Frame:
         """The frame without a sudden change of light."""
@@ -428,6 +427,7 @@ class Tracker:
             steps=solution.steps,
             covariance=self._covariance(solution),
             target=judgement.target_view if self.records_target else None,
+            sought=self._sought,
         )
 
     def _blind(
@@ -455,7 +455,12 @@ class Tracker:
                 frame.undistort_s if isinstance(frame, Frame) else 0.0, time.perf_counter() - begin_s
             ),
             note=note,
+            sought=self._sought,
         )
+
+    @property
+    def _sought(self) -> Sought | None:
+        return self._way_back.sought if self._is_lost and self._way_back is not None else None
 
     def _project(self, camera: Camera | None, pose: FloatArray) -> FloatArray:
         if camera is None:

@@ -4,7 +4,7 @@ While a part is lost the detector looks for it, near where it was last seen and,
 any side. Every search is of one frame's image and spread over as many frames as its work takes. What it finds was
 there some frames ago, so it is a proposal: the tracker solves its present frame from it, with all that it knows of the
 part's look, and takes it only if that fits. Where it does not fit any more the part may have moved on: the next search
-is around there.
+is around there. While a frame fits nobody searches: the next one decides.
 """
 
 from __future__ import annotations
@@ -19,10 +19,18 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
 from acp_lab.tracking.recovery import WayBack
+from acp_lab.tracking.sought import Sought
 
 PROPOSAL_WORK = 20_000.0
 """Of a frame that is solved from a proposal, see `detection.work`."""
-_Search = Errand[tuple[Detection, ...]]
+
+
+class _Search(Errand[tuple[Detection, ...]]):
+    """A search, and what it is limited to."""
+
+    def __init__(self, finder: Finder, frame: Frame, most: int, prior: PosePrior | None, aligned: int | None) -> None:
+        super().__init__(finder.search(frame, most, prior, aligned))
+        self.prior = prior
 
 
 @dataclass(frozen=True)
@@ -41,7 +49,7 @@ class Reach:
 NEAR, LIKE_LAST, ANY_SIDE = Reach(25.0, 1.12, 80.0), Reach(40.0, 1.3), Reach(180.0, 1.6)
 WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
 """In their order, again and again; None for everywhere."""
-WIDE_FRAMES = 3
+WIDE_FRAMES = 2
 """Frames that a wide search gets between two searches nearby: a part that is back where it was is found at once."""
 
 
@@ -64,6 +72,14 @@ class Reacquisition:
         self._found: tuple[Detection, ...] = ()
         self._around: FloatArray | None = None
         self._wide_frames = self._wide_searches = 0
+        self._prior: PosePrior | None = None
+        self._best: Detection | None = None
+
+    @property
+    def sought(self) -> Sought:
+        """Where the last search looked, and the best hypothesis of the one that ended last."""
+        best = self._best
+        return Sought.by(self._prior, None if best is None else best.cam_T_obj, 0.0 if best is None else best.score)
 
     def look_around(self, cam_T_obj: FloatArray) -> None:
         """Search next near a pose (4, 4), where the part may have been a moment ago."""
@@ -84,20 +100,26 @@ class Reacquisition:
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
+        most = self._config.proposals
         if self._wide_frames > 0 and self._around is None:
             if self._wide is None:
                 reach = WIDE[self._wide_searches % len(WIDE)]
                 self._wide_searches += 1
-                self._wide = self._search(frame, None if reach is None else reach.of(last_seen))
+                prior = None if reach is None else reach.of(last_seen)
+                self._wide = _Search(self._ready(), frame, most, prior, None)
             search, self._wide_frames = self._wide, self._wide_frames - 1
         else:
             if self._near is None:
                 around, self._around = self._around, None
-                self._near = self._search(frame, NEAR.of(last_seen if around is None else around))
+                near = NEAR.of(last_seen if around is None else around)
+                # Not aligned: the tracker does that in the frame in which it tries them.
+                self._near = _Search(self._ready(), frame, most, near, 0)
             search = self._near
         budget = search.go_on(budget)
+        self._prior = search.prior
         if not search.is_done:
             return budget
+        self._best = next(iter(search.result or ()), None)
         self._found = tuple(one for one in search.result or () if one.score >= self._config.least_score)
         if search is self._near:
             self._near, self._wide_frames = None, WIDE_FRAMES
@@ -105,9 +127,6 @@ class Reacquisition:
             self._wide = None
         # A search without anything to look at, such as for a part too small, costs nothing: not again in this frame.
         return budget if search.worked else 0.0
-
-    def _search(self, frame: Frame, prior: PosePrior | None) -> _Search:
-        return Errand(self._ready().search(frame, self._config.proposals, prior))
 
     def _ready(self) -> Finder:
         if self._finder is None:

@@ -10,6 +10,7 @@ import pytest
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.sample import sample_dataset
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
+from acp_lab.tracking.sought import Sought, to_row
 from tests.cli_runner import assert_one_error, run
 from tests.display.made_run import play
 from tests.prepared_sample import sample_scene
@@ -43,6 +44,31 @@ def test_a_loss_says_where_to_start_again(capsys: pytest.CaptureFixture[str], re
     picture = results.with_name(f"results.frame{LOSS}.png")
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert str(picture) in outcome.out
+
+
+def test_where_a_lost_part_was_looked_for(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    info, pose = results.with_name("results.run.json"), sample_scene().first_pose
+    sought = [Sought(pose, 25.0, 80.0), Sought(None, 180.0, None, pose, 0.42)]
+    rows = [to_row(1, LOSS + 2 + k, 1, one) for k, one in enumerate(sought)]
+    info.write_text(json.dumps({**json.loads(info.read_text()), "searches": [*rows, {"scene_id": 1}, 7]}))
+    outcome = run(capsys, "explain", results, "--frame", LOSS + 2)
+    assert (outcome.status, outcome.err) == (0, "")
+    verdict, search, frame, *_ = outcome.out.splitlines()
+    assert f"lost since frame {LOSS}" in verdict
+    assert search.startswith(f"Image {LOSS + 3}: searched in the whole image, from any side")
+    assert "score 0.42" in search
+    assert f"Lost since frame {LOSS + 1}; searched within 80 px of its last place, turned by up to 25 degrees" in frame
+    assert "no hypothesis yet" in frame
+
+
+def test_a_part_that_was_found_again(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:
+    lines = results.read_text().splitlines()
+    for number in range(LOSS + 4, 40):
+        columns = lines[number + 1].split(",")
+        lines[number + 1] = ",".join([*columns[:3], "0.9", *columns[4:]])
+    results.write_text("\n".join(lines) + "\n")
+    first = run(capsys, "explain", results).out.splitlines()[0]
+    assert f"was lost from frame {LOSS} (image {LOSS}) on, and found again in frame {LOSS + 5}" in first
 
 
 def test_a_frame_of_choice(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:

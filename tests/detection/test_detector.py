@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Detector, start_poses
+from acp_lab.detection.edge_maps import bands, oriented_edges, removing_specks, resized, without_specks
+from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.pose_search import Poses, distinct
 from acp_lab.detection.scan import Candidates, depth_levels, scan
 from acp_lab.detection.view_templates import SCAN_BINS, looking_along, spread
@@ -139,3 +143,35 @@ def test_a_part_too_far_to_be_seen(camera: Camera) -> None:
     config = DetectionConfig(depth_mm=(50_000.0, 60_000.0))
     none = finish(scan(image, camera, detector.part.diameter, detector.templates, detector.groups, config))
     assert len(none) == 0
+
+
+@pytest.mark.parametrize("prior", [None, PosePrior(np.eye(4), 180.0, 1.6)])
+def test_no_slice_is_large(prior: PosePrior | None) -> None:
+    """A tracker that spreads a search over frames stops at slices only: none may be worth a frame."""
+    rng = np.random.default_rng(0)
+    image = cv2.GaussianBlur(rng.integers(0, 255, (1024, 1224, 3)).astype(np.uint8), (0, 0), 2.0)
+    if prior is not None:
+        prior = replace(prior, cam_T_obj=sample_scene().first_pose)
+    steps = sample_detector().search(image, Camera(1224, 1024, 1200.0, 1200.0, 611.5, 511.5), prior)
+    assert max(steps) < 8_000.0
+
+
+def test_in_slices_as_in_one_go() -> None:
+    rng = np.random.default_rng(0)
+    image = rng.integers(0, 255, (700, 400, 3)).astype(np.uint8)
+    assert len(list(bands(700, 400))) == 3
+    assert np.array_equal(finish(removing_specks(image)), without_specks(image))
+    upper, whole = (finish(oriented_edges(part, 8)) for part in (image[:400], image))
+    assert np.array_equal(upper[:, :390], whole[:, :390])
+
+
+def test_halving_an_image_keeps_places() -> None:
+    """A step edge lies where it should at any scale, also where the image is halved on the way."""
+    image = np.zeros((200, 400, 3), np.uint8)
+    image[:, 240:] = 200
+    for scale in (0.8, 0.5, 0.4, 0.21):
+        small = resized(image, scale)
+        bright = small[len(small) // 2, :, 0].astype(float) / 200.0
+        ratio = small.shape[1] / 400
+        assert small.shape[1] == round(400 * scale)
+        assert len(bright) - bright.sum() == pytest.approx(240 * ratio, abs=0.3)

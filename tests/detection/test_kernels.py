@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from acp_lab.detection.kernels import CHUNK, climb, pose_score, scan_templates, thin_oriented
+from acp_lab.detection.kernels import (
+    CHUNK,
+    climb,
+    keep_distinct,
+    nearness,
+    pose_score,
+    scan_templates,
+    strongest_gradients,
+    thin_oriented,
+)
 from acp_lab.geometry.arrays import ByteImage, Float32Array
 from acp_lab.geometry.pose import so3_exp
 
@@ -19,7 +29,8 @@ def test_scan_templates(rng: np.random.Generator) -> None:
     first, length = 100, 5000  # more than one chunk
     best = np.full((3, length), -1e9, np.float32)
     ids = np.full((3, length), -1, np.int32)
-    scan_templates(planes, plane_of, shifts, counts, gains, groups, first, length, best, ids)
+    for begin, end in ((0, 4), (4, 9)):  # in slices
+        scan_templates(planes, plane_of, shifts, counts, gains, groups, begin, end, first, length, best, ids)
     places = first + np.arange(length)
     for group in range(3):
         members = np.flatnonzero(groups == group)
@@ -114,9 +125,57 @@ def test_thin_oriented(angle_deg: float) -> None:
     gradient = 20.0 * np.exp(-0.5 * (side / 1.5) ** 2)
     gx, gy = (np.ascontiguousarray(gradient * k, np.float32) for k in (-np.sin(angle), np.cos(angle)))
     edges = np.zeros((8, 41, 41), np.uint8)
-    thin_oriented(gx, gy, np.float32(10.0), np.uint8(1), edges)
+    for first, last in ((0, 17), (17, 41)):
+        thin_oriented(gx, gy, np.float32(10.0), np.uint8(1), first, last, edges)
     used = np.flatnonzero(edges.any((1, 2)))
     assert used.tolist() == [int(np.floor(angle_deg / 22.5 + 0.5)) % 8]
     rows, columns = np.nonzero(edges.any(0))
     assert (np.abs(side[rows, columns]) <= 1.01).all()
     assert 30 <= len(rows) <= 80  # pairs on an exact diagonal
+
+
+def test_strongest_gradients(rng: np.random.Generator) -> None:
+    """Those of OpenCV's Scharr in each channel, of which the longest counts; in slices as in one go."""
+    image = rng.integers(0, 255, (23, 31, 3)).astype(np.uint8)
+    planes = cv2.split(cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE))
+    gx, gy = np.full((23, 31), np.nan, np.float32), np.full((23, 31), np.nan, np.float32)
+    for first, last in ((0, 9), (9, 23)):
+        strongest_gradients(*planes, np.float32(1 / 32), first, last, gx, gy)
+    slow = [
+        cv2.Scharr(image, cv2.CV_32F, *way, scale=1 / 32, borderType=cv2.BORDER_REPLICATE) for way in ((1, 0), (0, 1))
+    ]
+    channel = (slow[0] ** 2 + slow[1] ** 2).argmax(2)[..., None]
+    assert np.allclose(gx, np.take_along_axis(slow[0], channel, 2)[..., 0], atol=1e-4)
+    assert np.allclose(gy, np.take_along_axis(slow[1], channel, 2)[..., 0], atol=1e-4)
+
+
+def test_nearness() -> None:
+    distance = np.array([[0.0, 1.0, 2.0, 3.9, 4.0, 12.0]], np.float32)
+    near = np.full((1, 6), 7, np.uint8)
+    nearness(distance, np.float32(4.0), near)
+    assert np.abs(near.astype(int) - 255 * np.maximum(1.0 - distance / 4.0, 0.0)).max() <= 0.5
+    assert near[0, -2:].tolist() == [0, 0]
+
+
+def test_keep_distinct(rng: np.random.Generator) -> None:
+    count = 120
+    centres = rng.uniform(-10, 10, (count, 3)).astype(np.float32)
+    rotations = np.array([so3_exp(rng.normal(scale=0.2, size=3)) for _ in range(count)], np.float32)
+    near, least_trace = 6.0, 1.0 + 2.0 * np.cos(0.3)
+    slow = list[int]()
+    for i in range(count):
+        alike = (
+            np.linalg.norm(centres[i] - centres[j]) < near and np.trace(rotations[i].T @ rotations[j]) > least_trace
+            for j in slow
+        )
+        if not any(alike):
+            slow.append(i)
+    assert 10 < len(slow) < 110
+    for most in (count, 9):
+        kept, number = np.zeros(most, np.int64), 0
+        for first in range(0, count, 32):
+            last = min(first + 32, count)
+            number = keep_distinct(
+                centres, rotations, np.float32(near), np.float32(least_trace), first, last, most, kept, number
+            )
+        assert kept[:number].tolist() == slow[:most]

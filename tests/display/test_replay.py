@@ -22,6 +22,7 @@ from acp_lab.tracking.method import ACP
 from acp_lab.tracking.observer import SessionInfo, TrackedObject
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.session import track_sequence
+from acp_lab.tracking.sought import Sought
 from acp_lab.tracking.tracker import Tracker
 from tests.display.made_run import CAMERA, FRAME_IDS, STEPS, box, frames, play, recorded, result, true_pose
 from tests.display.recording import Recording
@@ -276,15 +277,21 @@ def test_state_tells_what_happened(recording: Recording) -> None:
     assert [(row.frame, row.value[0]) for row in lanes] == [(0, "tracking"), (2, "lost"), (3, "tracking")]
 
 
+SOUGHT = Sought()
+
+
 def test_reasons_are_in_the_log(tmp_path: Path) -> None:
     def sinking(frame: Frame | UnreadableFrame, object_id: int) -> TrackResult:
         found = result(frame, object_id)
-        return replace(found, state=TrackState.WEAK, note="tracking -> weak: quality 0.21") if frame.index else found
+        note = "tracking -> weak: quality 0.21"
+        return replace(found, state=TrackState.WEAK, note=note, sought=SOUGHT) if frame.index else found
 
     play([Replay(tmp_path / "run.rrd")], results=sinking)
     recording = Recording.read(tmp_path / "run.rrd")
     texts = [row.value[0] for row in recording.on_frames("/state/obj_000001", "text")]
     assert any("image 1: tracking -> weak: quality 0.21" in text for text in texts)
+    # A search is told once, not in every frame that it takes.
+    assert [text for text in texts if "searched" in text] == [f"obj_000001, image 1: {SOUGHT}"]
     levels = [row.value[0] for row in recording.on_frames("/state/obj_000001", "level")]
     assert levels[0] == "INFO"
     assert "WARN" in levels

@@ -118,6 +118,14 @@ def test_a_crop_moves_pixels_by_its_corner(camera: Camera, rng: np.random.Genera
     np.testing.assert_allclose(crop.project(points), camera.project(points) - (37, 21), atol=1e-10)
 
 
+def test_halved_keeps_what_is_seen_where(camera: Camera) -> None:
+    """A point between the middle of four pixels falls on the middle of the one that they become."""
+    half = camera.halved()
+    assert (half.width, half.height) == (camera.width // 2, camera.height // 2)
+    rays = camera.rays(np.array([[0.5, 0.5], [200.5, 101.5]]))
+    assert half.project(rays) == pytest.approx(np.array([[0.0, 0.0], [100.0, 50.5]]))
+
+
 def test_a_distorted_camera_is_not_cropped(distorted_camera: Camera) -> None:
     with pytest.raises(GeometryError, match="undistort"):
         distorted_camera.cropped(0, 0, 10, 10)

@@ -6,11 +6,15 @@ import itertools
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
 import acp_lab as acp
+from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.errors import PreparationError
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import ACCEPTED, Finder, detect
@@ -63,6 +67,55 @@ def test_not_there() -> None:
     assert sample_finder().find(replace(frame, image=empty)) == ()
     noise = np.random.default_rng(3).integers(0, 255, frame.image.shape).astype(np.uint8)
     assert not any(one.is_accepted for one in sample_finder().find(replace(frame, image=noise)))
+
+
+@pytest.mark.parametrize("kind", ["blurred away", "tiny", "part larger than the image", "one row", "far too near"])
+def test_images_in_which_it_cannot_be_found(kind: str) -> None:
+    """No traceback, and nothing is accepted."""
+    frame, finder = sample_frame(0), sample_finder()
+    truth = sample_scene().truth(frame.index, 1)
+    assert truth is not None
+    x, y = np.rint(frame.camera.project(transform(truth, sample_model().part.box_centre[None]))[0]).astype(int)
+    boxes = {"tiny": (8, 6), "part larger than the image": (48, 40), "one row": (90, 1)}
+    if kind == "blurred away":
+        small = cv2.resize(cv2.GaussianBlur(frame.image, (0, 0), 40.0), (160, 128))
+        frame = replace(frame, image=small, camera=frame.camera.halved().halved())
+    elif kind == "far too near":
+        finder = Finder(sample_model(), DetectionConfig(depth_mm=(1.0, 2.0)))
+    else:
+        wide, high = boxes[kind]
+        image = np.ascontiguousarray(frame.image[y : y + high, x : x + wide])
+        frame = replace(frame, image=image, camera=frame.camera.cropped(int(x), int(y), wide, high))
+    assert not any(one.is_accepted for one in finder.find(frame, 2))
+
+
+def test_a_part_prepared_before_views_were_stored() -> None:
+    """They are made when they are asked for, and are the same."""
+    old = Finder(replace(sample_model(), views=None))
+    old.prepare()
+    frame = sample_frame(0)
+    truth = sample_scene().truth(frame.index, 1)
+    assert truth is not None
+    prior = PosePrior(truth, 20.0, 1.1, 30.0)
+    (first,), (second,) = (finder.find(frame, 1, prior) for finder in (old, sample_finder()))
+    assert first.cam_T_obj == pytest.approx(second.cam_T_obj, abs=1e-6)
+
+
+def test_a_large_part_is_aligned_in_a_smaller_image() -> None:
+    """The frame enlarged: the part appears three times as large, and is found as well near a prior."""
+    frame = sample_frame(0)
+    truth = sample_scene().truth(frame.index, 1)
+    assert truth is not None
+    camera, part = frame.camera, sample_model().part
+    fx, fy, cx, cy = 3.0 * camera.fx, 3.0 * camera.fy, 3.0 * camera.cx + 1.0, 3.0 * camera.cy + 1.0
+    large = Camera(3 * camera.width, 3 * camera.height, fx, fy, cx, cy)
+    image = cv2.resize(frame.image, (large.width, large.height), interpolation=cv2.INTER_CUBIC)
+    assert part.diameter * fx / transform(truth, part.box_centre)[2] > 500.0
+    work = list(sample_finder().search(replace(frame, image=image, camera=large), 1, PosePrior(truth, 20.0, 1.1, 30.0)))
+    assert max(work) < 15_000.0
+    (found,) = sample_finder().find(replace(frame, image=image, camera=large), 1, PosePrior(truth, 20.0, 1.1, 30.0))
+    error = np.linalg.norm(transform(found.cam_T_obj, part.vertices) - transform(truth, part.vertices), axis=1)
+    assert error.mean() < 0.05 * part.diameter
 
 
 def test_in_the_package() -> None:

@@ -66,6 +66,7 @@ class CurveLog:
         self._name = object_name(tracked.object_id)
         self._add_percent = AddPercent(tracked.part)
         self._state: TrackState | None = None
+        self._sought = ""
         self._region: int | None = None
 
     def begin(self) -> None:
@@ -134,6 +135,8 @@ class CurveLog:
             )
         if isinstance(frame, UnreadableFrame):
             lines.append(f"unreadable: {frame.reason}")
+        if result.sought is not None:
+            lines.append(str(result.sought))
         text = "\n\n".join(lines)
         self._log.row(f"numbers/{self._name}", rr.TextDocument, text=[text], media_type=["text/markdown"])
 
@@ -148,7 +151,7 @@ class CurveLog:
         self._state, self._region = result.state, result.region
 
     def _news(self, frame: Frame | UnreadableFrame, result: TrackResult) -> list[str]:
-        """What is worth a line in the log: state changes with their reason, unreadable frames, another region."""
+        """What is worth a line in the log: state changes, unreadable frames, searches, another region."""
         where = f"{self._label}, image {frame.index}"
         now = REGION_NAMES[result.region]
         if self._state is None:
@@ -161,6 +164,10 @@ class CurveLog:
             news.append(f"{where}: {'back: ' if back else ''}{result.note}")
         elif result.state is not self._state:
             news.append(f"{where}: {self._state} -> {result.state}: quality {result.quality:.2f}")
+        sought = "" if result.sought is None else str(result.sought)
+        if sought and sought != self._sought:
+            news.append(f"{where}: {sought}")
+        self._sought = sought
         if self._region is not None and result.region != self._region:
             news.append(f"{where}: view region {REGION_NAMES[self._region]} -> {now}")
         return news
