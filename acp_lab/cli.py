@@ -305,6 +305,8 @@ def bench(
     from acp_lab.commands.machine import cores, limit_threads
 
     limit_threads(1)  # before NumPy is imported
+    from acp_lab.bench.workers import MOST_WORKERS
+
     run_bench(
         BenchOptions(
             tuple(datasets or ()),
@@ -318,7 +320,7 @@ def bench(
             resets,
             split,
             scheduler,
-            cores() if jobs is None else jobs,
+            min(cores(), MOST_WORKERS) if jobs is None else jobs,
             install_peers,
         )
     )

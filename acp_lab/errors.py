@@ -31,6 +31,10 @@ class PreparationError(AcpLabError):
     """A prepared part is missing, incomplete or belongs to another mesh."""
 
 
+class PaintingFrameError(PreparationError):
+    """A part's auto-encoder paints in another frame than a method needs: training it anew would lose it."""
+
+
 class SequenceError(AcpLabError):
     """A sequence lacks what was asked of it: scene, object, truth, frames."""
 

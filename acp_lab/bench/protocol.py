@@ -113,10 +113,15 @@ class Task:
     @property
     def state(self) -> str:
         """Changes with the method's settings, the place of the data, the prepared part and the sources of runs."""
-        mesh = BopDataset(self.dataset).part_path(self.object_id)
-        header = part_folder(Path(self.parts), mesh.stem) / "part.json"  # it holds the checksums of all files
-        part = header.read_text(encoding="utf-8") if self.method and header.exists() else ""
+        part = self.part_header if self.method else ""
         return digest(self.method, str(Path(self.dataset).resolve()), self.split, part)
+
+    @property
+    def part_header(self) -> str:
+        """The text of the prepared part's part.json, which holds the checksums of all its files; "" where none is."""
+        mesh = BopDataset(self.dataset).part_path(self.object_id)
+        header = part_folder(Path(self.parts), mesh.stem) / "part.json"
+        return header.read_text(encoding="utf-8") if header.exists() else ""
 
     def to_json(self) -> str:
         """The task as text."""

@@ -157,7 +157,7 @@ def tracker_of(task: Task) -> PartTracker:
     """The tracker of a task; PreparationError where its part, or cv2.rapid, is not prepared."""
     if not task.method:
         return RapidTracker(_measured(task.dataset, task.object_id)[0], task.method_name)
-    return Tracker(_prepared(task.dataset, task.parts, task.object_id), task.settings())
+    return Tracker(_prepared(task.dataset, task.parts, task.object_id, task.part_header), task.settings())
 
 
 def start_pose(task: Task, scene: BopScene, part: Part) -> FloatArray:
@@ -173,7 +173,7 @@ def _prepare_s(task: Task) -> float:
     """CPU seconds of preparing what the task's method needs of its part; NaN where they are not known."""
     if not task.method:
         return 0.0
-    spent = _prepared(task.dataset, task.parts, task.object_id).cpu_s
+    spent = _prepared(task.dataset, task.parts, task.object_id, task.part_header).cpu_s
     return sum(spent.get(stage, math.nan) for stage in stages_of(task.settings()))
 
 
@@ -250,7 +250,8 @@ def _opened(dataset: str, split: str, scene_id: int, object_id: int, instance: i
 
 
 @lru_cache(maxsize=1)
-def _prepared(dataset: str, parts: str, object_id: int) -> PreparedPart:
+def _prepared(dataset: str, parts: str, object_id: int, header: str) -> PreparedPart:
+    """header: of the part; another one is another part, in processes that live long, too."""
     mesh = BopDataset(dataset).part_path(object_id)
     return PreparedPart.load(part_folder(Path(parts), mesh.stem), mesh)
 
@@ -271,7 +272,7 @@ def check(task: Task) -> None:
     if not task.method:
         environment.python()
         return
-    model = _prepared(task.dataset, task.parts, task.object_id)
+    model = _prepared(task.dataset, task.parts, task.object_id, task.part_header)
     try:
         task.settings().open_source(model)
     except AcpLabError as error:

@@ -13,7 +13,7 @@ from acp_lab.bench import workers as door
 from acp_lab.bench.protocol import Task
 from acp_lab.bench.record import Run, read_run
 from acp_lab.bench.runner import run_task
-from acp_lab.errors import InputFileError
+from acp_lab.errors import AcpLabError, InputFileError
 
 Progress = Callable[[int, int], None]
 
@@ -59,4 +59,10 @@ def _new_runs(tasks: list[Task], workers: int, scheduler: str | None) -> Iterato
     by_name = {task.file_name: task for task in tasks}
     asked = {name: task.to_json() for name, task in by_name.items()}
     for name, answer in door.each(run_task, asked, workers=workers, scheduler=scheduler):
-        yield by_name[name], Run.from_json(answer, name)
+        run = Run.from_json(answer, name)
+        if run.state != by_name[name].state:
+            raise AcpLabError(
+                f"{name}: done with other sources, or another prepared part, than those here: restart the workers with "
+                "this version and these files"
+            )
+        yield by_name[name], run

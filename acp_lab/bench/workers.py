@@ -79,9 +79,15 @@ def check_workers(workers: int) -> None:
 
 def _answer(future: Any, name: str) -> str:
     from distributed import KilledWorker
+    from distributed.client import FutureCancelledError
+    from distributed.comm import CommClosedError
 
     try:
         return str(future.result())
+    except (FutureCancelledError, CommClosedError):
+        raise AcpLabError(
+            f"{name}: the scheduler went away; what is done is kept: start it, and run this again"
+        ) from None
     except KilledWorker:
         raise AcpLabError(
             f"{name}: every worker that took this died: look at its memory, or leave it out"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from acp_lab.errors import ParameterError, PreparationError
+from acp_lab.errors import PaintingFrameError, ParameterError, PreparationError
 
 if TYPE_CHECKING:
     from acp_lab.bench.protocol import SequenceKey
@@ -85,6 +85,9 @@ def _lacking(
         try:
             for method in methods:
                 check(task_of(root, split, parts, key, method, Variant()))
+        except PaintingFrameError as error:
+            # What is there took minutes to train, and other methods need it.
+            raise ParameterError(f"--parts {parts}: {error}; or give another --parts") from None
         except PreparationError:
             if not generator:
                 raise

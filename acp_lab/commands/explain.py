@@ -61,9 +61,16 @@ def _verdict(run: TrackRun, object_id: int) -> str:
         return f"Object {object_id} was never lost in {len(results)} frames."
     told = f"Object {object_id} is lost since frame {lost} (image {results[lost].frame_id}) of {len(results)}"
     first = next(number for number in range(lost, len(results)) if results[number].state is TrackState.LOST)
-    back = (number for number in range(first, len(results)) if results[number].state is TrackState.TRACKING)
+    back = (number for number in range(first, len(results)) if results[number].state is not TrackState.LOST)
     found = next(back, None)
-    if found is not None:
+    if found is not None and results[-1].state is TrackState.LOST:
+        again = max(number for number in range(len(results)) if results[number].state is not TrackState.LOST) + 1
+        told = (
+            f"Object {object_id} was lost more than once, first from frame {lost} (image {results[lost].frame_id}) on, "
+            f"and is lost since frame {again} (image {results[again].frame_id}) of {len(results)}, start again there."
+        )
+        first, found = again, None
+    elif found is not None:
         told = (
             f"Object {object_id} was lost from frame {lost} (image {results[lost].frame_id}) on, and found again in "
             f"frame {found} (image {results[found].frame_id}) of {len(results)}."

@@ -21,10 +21,10 @@ from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
-from acp_lab.tracking.method import Method
+from acp_lab.tracking.method import Method, Schedule
 from acp_lab.tracking.pose_descent import pose_level
 from acp_lab.tracking.result import TrackStep
-from acp_lab.tracking.schedule import Level, scaled
+from acp_lab.tracking.schedule import Level, PixelSchedule, scaled
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.solvers import Problem, WeightedMeasure, minimise
 from acp_lab.tracking.sources.lift import EdgeLifter
@@ -169,6 +169,8 @@ class FrameSolver:
         iterations, steps = 0, list[TrackStep]()
         solution: Solution | None = None
         all_levels = self.levels_at(start, levels)
+        # Steps of a try that leaves the first levels out are numbered like those of a whole one.
+        left_out = _left_out(levels, method.schedule)
         for number, level in enumerate(all_levels):
             edges = self._generate(at, level.samples, clock)
             if edges is None:
@@ -187,7 +189,7 @@ class FrameSolver:
             at = iterates[-1] if iterates else at
             iterations += len(iterates)
             if self.records_steps:
-                steps += [_step(i, number, self._reported_loss(measures, motion.edges(i))) for i in iterates]
+                steps += [_step(i, left_out + number, self._reported_loss(measures, motion.edges(i))) for i in iterates]
             if number == len(all_levels) - 1:
                 moved = motion.edges(at)
                 drawn = self.source.reproject(at, edges)
@@ -205,6 +207,13 @@ class FrameSolver:
 
     def _reported_loss(self, measures: list[Measure], edges: GeneratedEdges) -> float:
         return sum(measure.reported_loss(edges) for measure in measures)
+
+
+def _left_out(levels: tuple[Level, ...] | None, schedule: Schedule) -> int:
+    """How many of the schedule's first levels are not among `levels`; 0 for levels that are not the schedule's."""
+    if isinstance(schedule, PixelSchedule) and levels == schedule.near:
+        return len(schedule.levels) - len(schedule.near)
+    return 0
 
 
 def _step(at: Estimate, level: int, loss: float) -> TrackStep:

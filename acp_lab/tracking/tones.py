@@ -61,6 +61,13 @@ class Tones:
         self._before: ByteImage | None = None
         self._curves: FloatArray | None = None
 
+    def preview(self, frame: Frame) -> Frame:
+        """What `steady` would give next; changes nothing."""
+        kept = self._before, self._curves
+        seen = self.steady(frame)
+        self._before, self._curves = kept
+        return seen
+
     def steady(self, frame: Frame) -> Frame:
         """The frame in the tones before a sudden change of light, or as it is."""
         pixels = _some_pixels(frame.image)

@@ -147,8 +147,9 @@ class Tracker:
         self._started = True
         self._learn(frame, solution, clock, self._trusted)
         self._mean_quality = solution.judgement.quality
-        if seen is not None and isinstance(self.method.recovery, Alternatives):
-            # Again, with what the first frame taught.
+        compares = isinstance(self.method.recovery, Alternatives) or self.method.prediction.weighs_images
+        if seen is not None and compares:
+            # Again, with what the first frame taught; later frames are compared with it.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
             self._mean_score = self._last_score = (again or solution).score
         quality = self._quality(solution)
@@ -220,6 +221,8 @@ class Tracker:
         None where the part is behind the camera or outside the image.
         """
         region = self.solver.choose_region(prior, self._region if self._started else None)
+        if self._tones is not None:
+            frame = self._tones.preview(frame)
         return self.solver.look(frame.image, frame.camera, prior, region)
 
     def _forget(self) -> None:
@@ -234,7 +237,7 @@ class Tracker:
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
         self._mean_quality = self._mean_score = self._last_score = 0.0
         self._carried = None
-        self._picture: tuple[Picture, FloatArray] | None = None
+        self._picture: tuple[Picture, FloatArray, Camera] | None = None
 
     def _first_region(self, pose: FloatArray) -> int:
         region = self.solver.choose_region(pose)
@@ -379,7 +382,9 @@ class Tracker:
         if isinstance(config, Off) or self._picture is None:
             return
         clock.lap()
-        picture, pose = self._picture
+        picture, pose, camera = self._picture
+        if frame.camera != camera:
+            return  # places in the two images cannot be compared
         centres_cam = [transform(at, self.part.box_centre) for at in (pose, self.predicted)]
         before_px, expected_px = frame.camera.project(np.array(centres_cam))
         if np.isfinite(before_px + expected_px).all():
@@ -396,7 +401,7 @@ class Tracker:
             if not isinstance(self.method.sight, Off):
                 pose = solution.cam_T_obj
                 picture = take_picture(frame, self._corners_obj, pose, self.method.sight)
-                self._picture = None if picture is None else (picture, pose)
+                self._picture = None if picture is None else (picture, pose, frame.camera)
         clock.learn_s += clock.lap()
 
     def _result(

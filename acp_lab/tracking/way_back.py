@@ -74,11 +74,14 @@ class Reacquisition:
         self._wide_frames = self._wide_searches = 0
         self._prior: PosePrior | None = None
         self._best: Detection | None = None
+        self._began = False
 
     @property
-    def sought(self) -> Sought:
-        """Where the last search looked, and the best hypothesis of the one that ended last."""
+    def sought(self) -> Sought | None:
+        """Where the last search looked, and the best hypothesis of the one that ended last; None before any."""
         best = self._best
+        if not self._began:
+            return None
         return Sought.by(self._prior, None if best is None else best.cam_T_obj, 0.0 if best is None else best.score)
 
     def look_around(self, cam_T_obj: FloatArray) -> None:
@@ -116,7 +119,7 @@ class Reacquisition:
                 self._near = _Search(self._ready(), frame, most, near, 0)
             search = self._near
         budget = search.go_on(budget)
-        self._prior = search.prior
+        self._prior, self._began = search.prior, True
         if not search.is_done:
             return budget
         self._best = next(iter(search.result or ()), None)

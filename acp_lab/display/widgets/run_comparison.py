@@ -134,24 +134,27 @@ class RunComparison(ipywidgets.VBox):
         if self.report is None or self.film.value is None:
             return
         own = [run for run in self.report.runs if run.sequence == self.film.value]
-        self._runs = tuple(next(run for run in own if run.method == name) for name in self.report.methods)
-        ids = self._runs[0].frame_ids
+        # A shorter film moves the slider, which asks for a picture: none until all is there.
+        self._runs = ()
+        runs = tuple(next(run for run in own if run.method == name) for name in self.report.methods)
+        ids = runs[0].frame_ids
         self.slider.max = self.play.max = max(len(ids) - 1, 0)
         curves = [
             Curve(np.minimum(100.0 * run.distance, LARGEST_SHOWN_ADD), self._colour(run.method), ADD_ROW, run.method)
-            for run in self._runs
+            for run in runs
         ]
         with self.errors.hold_sync():
             self.errors.x = tuple(map(float, ids))
             self.errors.curves = tuple(curves)
             self.errors.marks = (Mark(2.0, ADD_ROW, "2%"), Mark(5.0, ADD_ROW, "5%"))
         self._reel = _Reel(self._bench, self.film.value)
-        if len(self.canvases) != len(self._runs):
-            self.canvases = tuple(PointCanvas(height_px=FILM_HEIGHT_PX) for _ in self._runs)
+        if len(self.canvases) != len(runs):
+            self.canvases = tuple(PointCanvas(height_px=FILM_HEIGHT_PX) for _ in runs)
             for canvas in self.canvases:
                 canvas.layout.flex, canvas.layout.min_width = "1 1 300px", "0"
             self._screen.children = self.canvases
         self.frame = min(self.frame, self.slider.max)
+        self._runs = runs
         self._show_frame()
 
     def _show_frame(self) -> None:

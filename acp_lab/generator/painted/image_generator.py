@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from acp_lab.errors import PreparationError
+from acp_lab.errors import PaintingFrameError, PreparationError
 from acp_lab.generator.device import Device, torch_device
 from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.painted.edge_images import PaintingFrame
@@ -132,9 +132,9 @@ class AutoencoderGenerator:
         return next(iter(self._stored.values())).frame
 
     def check_frame(self, wanted: PaintingFrame) -> None:
-        """PreparationError when it was trained for the other frame, as those of earlier versions were."""
+        """PaintingFrameError when it was trained for the other frame, as those of earlier versions were."""
         if self.frame != wanted:
-            raise PreparationError(
+            raise PaintingFrameError(
                 f"{self._part_name}: its auto-encoder paints in a frame at the {self.frame}, this method needs one at "
                 f"the {wanted}; run acp-lab prepare with --generator autoencoder --painting-frame {wanted}"
             )

@@ -78,6 +78,7 @@ class Matches:
         residuals_px: (n,) from the solved place to the chosen edge, NaN where none was found.
         sure_residuals_px: the same, NaN also where the image edge is faint.
         expected: offsets that were expected, None where they are not learnt.
+        off_obj: (n, 3) the sum of the samples' two face normals, off the material.
     """
 
     at: Estimate
@@ -89,6 +90,7 @@ class Matches:
     residuals_px: FloatArray
     sure_residuals_px: FloatArray
     expected: ExpectedOffsets | None
+    off_obj: FloatArray
 
     @property
     def gradients(self) -> FloatArray:
@@ -99,9 +101,8 @@ class Matches:
     @property
     def outward(self) -> FloatArray:
         """(n,) 1 where the normal of an outline leads off the part, -1 where onto it, 0 for other edges."""
-        if self.expected is None:
-            return self.edges.outline.astype(np.float64)
-        return np.asarray(np.sign(self.expected.px_per_mm) * self.edges.outline, np.float64)
+        across_obj = self.at.lines(self.points_obj, self.normals).directions @ self.at.cam_T_obj[:3, :3]
+        return np.asarray(np.sign(np.einsum("nj,nj->n", across_obj, self.off_obj)) * self.edges.outline, np.float64)
 
     @cached_property
     def jacobian(self) -> FloatArray:

@@ -349,4 +349,5 @@ class NormalJudgement:
             self.residuals_px,
             self.residuals_above(_SURELY_FOUND),
             measure.expected,
+            measure.knowledge.edges.normals_obj[ids].sum(1),
         )

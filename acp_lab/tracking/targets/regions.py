@@ -88,11 +88,14 @@ class RegionLines:
         return self.precision * (self.fine_share if level.sigma_px <= self.fine_sigma_px else 1.0)
 
 
+_SAME_DISTANCE = 0.85
+
+
 @dataclass(frozen=True, eq=False)
 class FreeLengths:
     """How far lines are free in one view of the part.
 
-    to_eye_obj: (3,) unit, from the part's centre to the camera. mm: (2, n) from each edge sample to where the part ends
+    to_eye_obj: (3,) mm, from the part's centre to the camera. mm: (2, n) from each edge sample to where the part ends
     inwards, and begins again outwards; NaN where nobody asked.
     """
 
@@ -100,8 +103,11 @@ class FreeLengths:
     mm: FloatArray
 
     def seen_along(self, to_eye_obj: FloatArray, same_view_deg: float) -> FreeLengths:
-        """These, to be added to, as long as the view has turned by less; else none."""
-        if to_eye_obj @ self.to_eye_obj > math.cos(math.radians(same_view_deg)):
+        """These, to be added to, as long as the view has turned by less, at about the same distance; else none."""
+        before, now = np.linalg.norm(self.to_eye_obj), np.linalg.norm(to_eye_obj)
+        turned_less = to_eye_obj @ self.to_eye_obj > before * now * math.cos(math.radians(same_view_deg))
+        # Lines are asked for in px, and so for shorter lengths where the part is near.
+        if turned_less and _SAME_DISTANCE * now < before < now / _SAME_DISTANCE:
             return FreeLengths(self.to_eye_obj, self.mm.copy())
         return FreeLengths(to_eye_obj, np.full_like(self.mm, np.nan))
 
@@ -182,7 +188,7 @@ class RegionTarget:
         self.crop = ColourCrop(view.image, view.box, memory.colours)
         self.memory = memory
         to_eye_obj = eye_position(view.prior) - memory.part.box_centre
-        self.free = memory.free.seen_along(to_eye_obj / np.linalg.norm(to_eye_obj), memory.config.same_view_deg)
+        self.free = memory.free.seen_along(to_eye_obj, memory.config.same_view_deg)
 
     def bind(self, edges: GeneratedEdges, at: Estimate, level: Level) -> RegionMeasure:
         """The measure of one level."""
