@@ -71,6 +71,17 @@ def test_a_part_that_was_found_again(capsys: pytest.CaptureFixture[str], results
     assert f"was lost from frame {LOSS} (image {LOSS}) on, and found again in frame {LOSS + 5}" in first
 
 
+def test_a_part_that_was_lost_twice_is_lost(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    lines = results.read_text().splitlines()
+    for number in range(LOSS + 4, LOSS + 12):
+        columns = lines[number + 1].split(",")
+        lines[number + 1] = ",".join([*columns[:3], "0.9", *columns[4:]])
+    results.write_text("\n".join(lines) + "\n")
+    first = run(capsys, "explain", results).out.splitlines()[0]
+    assert f"lost more than once, first from frame {LOSS} (image {LOSS}) on" in first
+    assert f"is lost since frame {LOSS + 13}" in first
+
+
 def test_a_frame_of_choice(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:
     outcome = run(capsys, "explain", results, "--frame", "5", "--out", tmp_path / "five.png")
     assert outcome.status == 0

@@ -109,6 +109,19 @@ def test_another_sequence_is_another_film(bench: Workbench, asked: list[Task]) -
     assert len(shown.canvases) == 2
 
 
+def test_a_shorter_film_of_more_methods(bench: Workbench, asked: list[Task]) -> None:
+    """The slider is moved back while the new pictures are not there yet."""
+    shown = RunComparison(bench, METHODS)
+    shown.methods.value = METHODS[:1]
+    shown.go.click()
+    shown.frame = 38
+    shown.methods.value = METHODS
+    shown.step.value = 4
+    shown.compare()
+    assert shown.frame == 9
+    assert len(shown.canvases) == len(METHODS)
+
+
 def test_what_cannot_be_run_is_told(bench: Workbench, asked: list[Task]) -> None:
     shown = RunComparison(bench, METHODS)
     table = shown.table.value

@@ -140,3 +140,13 @@ def test_percentiles_of_counted_pixels_are_numpys(rng: np.random.Generator) -> N
         counts, ranks = np.bincount(pixels, minlength=256), np.linspace(0.0, 100.0, 65)
         np.testing.assert_allclose(_percentiles(counts, ranks), np.percentile(pixels, ranks), atol=1e-9)
         assert _spread(counts) == pytest.approx(float(np.abs(pixels - np.median(pixels)).mean()), abs=1e-9)
+
+
+def test_a_look_ahead_changes_nothing() -> None:
+    tones = Tones(ToneMatching())
+    tones.steady(frame(scene()))
+    dark = frame(dimmed(scene(), 0.4))
+    ahead = [tones.preview(dark).image for _ in range(3)]
+    np.testing.assert_array_equal(ahead[2], ahead[0])
+    np.testing.assert_array_equal(tones.steady(dark).image, ahead[0])
+    assert mean_difference(ahead[0], scene()) < 4.0

@@ -28,6 +28,7 @@ from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import (
     CorrespondenceLines,
+    FreeLengths,
     RegionLines,
     RegionMeasure,
     RegionMemory,
@@ -504,3 +505,10 @@ def test_a_nearer_part_has_longer_lines(part: Part, model: PreparedPart, truth: 
     both, ours, theirs = np.intersect1d(far.ids, near.ids, return_indices=True)
     assert len(both) > 30
     np.testing.assert_allclose(np.median(near.free[:, theirs] / far.free[:, ours]), 1.25, rtol=0.05)
+
+
+def test_free_lengths_are_asked_for_anew_at_another_distance() -> None:
+    asked = FreeLengths(np.array([0.0, 0.0, 300.0]), np.ones((2, 4)))
+    assert np.isfinite(asked.seen_along(np.array([3.0, 0.0, 310.0]), 3.0).mm).all()
+    for elsewhere in ([0.0, 0.0, 600.0], [0.0, 0.0, 150.0], [60.0, 0.0, 300.0]):
+        assert np.isnan(asked.seen_along(np.array(elsewhere), 3.0).mm).all()
