@@ -58,6 +58,7 @@ def matches(knowledge: SampleKnowledge, edges: GeneratedEdges, at: Estimate, res
         residuals,
         residuals,
         knowledge.expect(edges, edges.normals, at),
+        knowledge.edges.normals_obj[edges.sample_ids].sum(1),
     )
 
 
@@ -164,3 +165,17 @@ def test_a_solved_frame_teaches_look_and_reliability(broken: PreparedPart, edges
     other.learn(matches(other, edges, at, np.nan))
     assert not other.memory.known.any()
     assert (other.reliability.weights(edges.sample_ids, edges.outline) < before).all()
+
+
+@pytest.mark.parametrize("offsets", [OffsetConfig(), Off()])
+def test_outlines_know_which_way_leads_off_the_part(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate, offsets: OffsetConfig | Off
+) -> None:
+    """Whether or not offsets are learnt."""
+    outward = matches(SampleKnowledge(SampleLearning(offsets=offsets), broken), edges, at).outward
+    assert (outward[~edges.outline] == 0.0).all()
+    centre_px = at.control_points.mean(axis=0)
+    away = np.einsum("nj,nj->n", edges.points - centre_px, edges.normals)
+    far = edges.outline & (np.abs(away) > 0.8 * np.linalg.norm(edges.points - centre_px, axis=1))
+    assert far.sum() > 20
+    assert (np.sign(away[far]) == outward[far]).mean() > 0.8
