@@ -20,7 +20,7 @@ STARTS_PROGRAMS = {
     "commands/replay.py",  # rerun's viewer, on 127.0.0.1
     "commands/replay_web.py",  # rerun's viewer for browsers, on 127.0.0.1
 }
-SPREADS = {"bench/spread.py"}
+SPREADS = {"bench/workers.py"}
 """Runs over processes that dask starts, on ports of 127.0.0.1; tests/bench/test_spread.py looks at them."""
 LISTENS = {"socket", "socketserver", "http", "asyncio", "wsgiref", "xmlrpc", "multiprocessing"}
 SERVES = {"serve", "serve_web", "serve_grpc", "serve_web_viewer", "spawn", "connect_grpc"}
@@ -66,4 +66,5 @@ def test_html_is_made_only_where_it_is_escaped() -> None:
         if isinstance(node, ast.Attribute | ast.Name)
         and (node.attr if isinstance(node, ast.Attribute) else node.id) in ("HTML", "HTMLMath", "Markdown")
     }
-    assert makers == {"display/widgets/live_window.py", "display/widgets/pose_aligner.py"}
+    widgets = ("live_window", "pose_aligner", "run_comparison")
+    assert makers == {f"display/widgets/{name}.py" for name in widgets}

@@ -35,7 +35,15 @@ _OFFERED: dict[str, tuple[str, ...]] = {
     "plots.accuracy": ("draw_errors", "draw_recall", "draw_table"),
     "plots.ambiguity": ("ambiguity_figure", "draw_pair"),
     "plots.basin": ("basin_figure", "draw_basin", "draw_basin_curves"),
-    "plots.bench": ("bench_figure", "figure_svg", "draw_recall_curves", "draw_times", "draw_against"),
+    "plots.bench": (
+        "bench_figure",
+        "figure_svg",
+        "draw_recall_curves",
+        "draw_times",
+        "draw_preparing",
+        "draw_basins",
+        "draw_against",
+    ),
     "plots.diagnosis": ("Explanation", "explain"),
     "plots.edge_finding": ("profile", "draw_profile", "draw_finding"),
     "plots.finding": (
