@@ -9,10 +9,14 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.browser.lab import CHROMIUM_FLAGS, Lab, lab_server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 HERE = Path(__file__).parent
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -43,19 +47,30 @@ def _without(reason: str) -> str:
 
 
 @pytest.fixture(scope="session")
-def lab(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
-    """A page of JupyterLab."""
+def browser(chromium: str) -> Iterator[Browser]:
+    """One for all: playwright's synchronous half runs once in a thread."""
     from playwright.sync_api import sync_playwright
 
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@pytest.fixture(scope="session")
+def lab(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
+    """A page of JupyterLab."""
     folder = tmp_path_factory.mktemp("lab")
     shots = Path(os.environ.get("ACP_SCREENSHOTS", folder / "shots"))
     shots.mkdir(parents=True, exist_ok=True)
-    with lab_server(folder) as url, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+    with lab_server(folder) as url:
+        page = browser.new_page(viewport={"width": 1400, "height": 1150})
         try:
-            yield Lab(browser.new_page(viewport={"width": 1400, "height": 1150}), url, folder, shots)
+            yield Lab(page, url, folder, shots)
         finally:
-            browser.close()
+            page.close()
 
 
 @pytest.fixture

@@ -6,19 +6,20 @@ import os
 import sys
 import urllib.request
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.browser.lab import CHROMIUM_FLAGS, server
+from tests.browser.lab import server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 
-def test_lab_opens_the_first_notebook_and_its_links(chromium: str, tmp_path: Path) -> None:
-    from playwright.sync_api import sync_playwright
-
+def test_lab_opens_the_first_notebook_and_its_links(browser: Browser, tmp_path: Path) -> None:
     shots = Path(os.environ.get("ACP_SCREENSHOTS", tmp_path))
     command = [sys.executable, "-m", "acp_lab", "lab", "--no-browser"]
-    with server(command, tmp_path) as (url, token), sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_FLAGS)
+    with server(command, tmp_path) as (url, token):
         page = browser.new_page(viewport={"width": 1400, "height": 900})
         page.set_default_timeout(120_000)
         page.goto(f"{url}?token={token}")
@@ -33,7 +34,7 @@ def test_lab_opens_the_first_notebook_and_its_links(chromium: str, tmp_path: Pat
         # A link between documents of docs/, and one from a document into the notebooks.
         page.locator(".jp-MarkdownViewer:visible a[href]", has_text="conventions").first.click()
         page.locator(".jp-MarkdownViewer h1", has_text="Conventions").wait_for()
-        browser.close()
+        page.close()
     # `server` ends acp-lab, and that has to end JupyterLab.
     with pytest.raises(OSError, match="refused"):
         urllib.request.urlopen(url)
