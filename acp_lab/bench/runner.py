@@ -262,11 +262,6 @@ def _measured(dataset: str, object_id: int) -> tuple[Part, PartMetric]:
     return part, PartMetric(part)
 
 
-def forget_parts() -> None:
-    """Read prepared parts anew: they were prepared since."""
-    _prepared.cache_clear()
-
-
 def check(task: Task) -> None:
     """Raise AcpLabError where the task's part lacks what its method needs, before anything is run."""
     if not task.method:

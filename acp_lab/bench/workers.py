@@ -39,7 +39,7 @@ def each(
 
     Raises:
         ParameterError: a number of workers that makes no sense, or no scheduler answers at that address.
-        AcpLabError: every worker that took a call died.
+        AcpLabError: every worker that took a call died, or the scheduler went away.
     """
     check_workers(workers)
     if scheduler is None and min(workers, len(asked)) <= 1:

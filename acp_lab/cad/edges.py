@@ -70,6 +70,11 @@ class EdgeSamples:
         normals = np.ascontiguousarray(self.normals_obj.transpose(1, 0, 2))
         return normals, plain(np.einsum("knj,nj->kn", normals, self.points_obj))
 
+    @cached_property
+    def off_obj(self) -> np.ndarray:
+        """(n, 3) the sum of the two face normals: leads off the material."""
+        return plain(self.normals_obj.sum(1))
+
     def take(self, rows: np.ndarray) -> EdgeSamples:
         """The samples of `rows` (k,), in that order."""
         return EdgeSamples(
@@ -215,8 +220,7 @@ def unoccluded(edges: EdgeSamples, caster: RayCaster, eye_obj: np.ndarray, offse
     A sample lies on the very surface that its ray must not hit, so rays start `offset_mm` nearer to the
     eye and as much off the surface (0.002 of the diameter serves).
     """
-    outward = edges.normals_obj.sum(1)
-    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+    outward = edges.off_obj / np.maximum(np.linalg.norm(edges.off_obj, axis=1, keepdims=True), 1e-9)
     lifted = edges.points_obj + offset_mm * outward
     to_eye = eye_obj - lifted
     distance = np.linalg.norm(to_eye, axis=1)

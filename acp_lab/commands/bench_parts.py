@@ -28,7 +28,6 @@ def prepare_missing(
     Raises:
         PreparationError: what is missing is no part, such as the environment of cv2.rapid.
     """
-    from acp_lab.bench.runner import forget_parts
     from acp_lab.commands.prepare import prepare_parts
     from acp_lab.prepared_part import PrepareOptions
 
@@ -41,7 +40,6 @@ def prepare_missing(
         print(f"Preparing {names} ({generator}; once, then kept) ...", flush=True)
         frame = next(iter(painting_frames(own)), PrepareOptions.painting_frame)
         prepare_parts(meshes, parts, PrepareOptions(generator=generator, painting_frame=frame), spread=spread)
-        forget_parts()
 
 
 def check_painting(methods: Sequence[Method | str]) -> None:

@@ -71,7 +71,7 @@ def _in_frame(truth: TrueEdges, frame: Frame, pose: FloatArray) -> tuple[FloatAr
     offset_px = np.take_along_axis(candidates.offsets, best, 1)[:, 0]
     found = np.take_along_axis(candidates.scores, best, 1)[:, 0] > LEAST_SCORE
     # Out of the material is where the sum of both face normals points.
-    outward_cam = truth.edges.normals_obj[rows].sum(1) @ pose[:3, :3].T
+    outward_cam = truth.edges.off_obj[rows] @ pose[:3, :3].T
     side = np.sign((at.normals * outward_cam[:, :2]).sum(1))
     depth_mm = transform(pose, truth.edges.points_obj[rows])[:, 2]
     offset_mm = side * offset_px * depth_mm / frame.camera.fx

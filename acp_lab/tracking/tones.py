@@ -77,7 +77,7 @@ class Tones:
         if before is not None and before.shape == pixels.shape:
             change = self._sudden_change(before, pixels)
             if change is not None:
-                self._curves = change if self._curves is None else _applied(self._curves, change.T).T
+                self._curves = change if self._curves is None else _composed(self._curves, change)
         if self._curves is None or np.abs(self._curves - _GREYS).max() < 1.0:
             self._curves = None
             return frame
@@ -106,8 +106,7 @@ def _some_pixels(image: ByteImage) -> ByteImage:
 
 
 def _percentiles(counts: IntArray, ranks: FloatArray) -> FloatArray:
-    """Those of pixels that are counted by their grey value (256,), as `numpy.percentile` takes them; on the per-frame
-    path."""
+    """Those of pixels counted by their grey value (256,), as `numpy.percentile` gives them, without sorting."""
     last = counts.sum() - 1
     places = ranks / 100.0 * last
     below = np.floor(places)
@@ -130,6 +129,6 @@ def _matched(before: IntArray, now: IntArray) -> FloatArray:
     return np.asarray(np.interp(_GREYS, greys, mean))
 
 
-def _applied(curves: FloatArray, greys: FloatArray) -> FloatArray:
-    """(n, 3) grey values through the curve of their channel."""
-    return np.stack([np.interp(g, _GREYS, curve) for g, curve in zip(greys.T, curves, strict=True)], axis=1)
+def _composed(curves: FloatArray, change: FloatArray) -> FloatArray:
+    """(3, 256) the change, then the curves; both (3, 256)."""
+    return np.stack([np.interp(greys, _GREYS, curve) for greys, curve in zip(change, curves, strict=True)])

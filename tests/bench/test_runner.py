@@ -62,7 +62,7 @@ class ErringTracker:
 @pytest.fixture(autouse=True)
 def prepared_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PreparedPart, "load", lambda *_: sample_model())
-    runner.forget_parts()
+    runner._prepared.cache_clear()
 
 
 def test_a_planted_error_is_measured_as_that_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,5 +194,5 @@ def test_preparation_of_earlier_parts_is_not_known(monkeypatch: pytest.MonkeyPat
     for cpu_s, expected in ((spent, 10.0), ({}, math.nan)):
         model = replace(sample_model(), cpu_s=cpu_s)
         monkeypatch.setattr(PreparedPart, "load", lambda *_, model=model: model)
-        runner.forget_parts()
+        runner._prepared.cache_clear()
         assert run(sample_task()).prepare_s == pytest.approx(expected, nan_ok=True)

@@ -18,7 +18,7 @@ from tests.prepared_sample import sample_model
 def prepared_sample(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     monkeypatch.setattr(PreparedPart, "load", lambda *_: sample_model())
-    runner.forget_parts()
+    runner._prepared.cache_clear()
 
 
 def test_methods_are_compared_and_their_runs_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

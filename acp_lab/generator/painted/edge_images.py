@@ -160,7 +160,7 @@ def _inwards(seen: EdgeSamples, first: FloatArray, last: FloatArray, frame: Cano
     across = np.column_stack([-along[:, 1], along[:, 0]])
     canonical_R_obj = frame.canonical_T_obj[:3, :3]
     depth = seen.points_obj @ canonical_R_obj[2] + frame.canonical_T_obj[2, 3]
-    outward = seen.normals_obj.sum(1) @ canonical_R_obj[:2].T
+    outward = seen.off_obj @ canonical_R_obj[:2].T
     side = np.sign(np.einsum("nj,nj->n", across, outward))
     return -(side * frame.focal_px / depth)[:, None] * across
 

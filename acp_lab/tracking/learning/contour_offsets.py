@@ -101,7 +101,7 @@ class ContourOffsets:
         cells = np.floor((edges.points_obj - edges.points_obj.min(0)) / (config.cell_in_diameters * diameter))
         _, self._cell_of = np.unique(cells.astype(np.int64), axis=0, return_inverse=True)
         self._cell_of = self._cell_of.ravel()
-        self._outward_obj = edges.normals_obj.sum(1)
+        self._outward_obj = edges.off_obj
         self._numbers = np.array(
             [
                 config.sample_inertia,

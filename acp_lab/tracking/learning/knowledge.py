@@ -7,7 +7,6 @@ frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -104,7 +103,7 @@ class Matches:
         across_obj = self.at.lines(self.points_obj, self.normals).directions @ self.at.cam_T_obj[:3, :3]
         return np.asarray(np.sign(np.einsum("nj,nj->n", across_obj, self.off_obj)) * self.edges.outline, np.float64)
 
-    @cached_property
+    @property
     def jacobian(self) -> FloatArray:
         """(n, 6) px along the normals by a pose step."""
         return self.at.lines(self.points_obj, self.normals).jacobian

@@ -103,7 +103,7 @@ def project_inset(
     points_cam = transform(cam_T_obj, edges.points_obj[visible.ids])
     directions_obj = image_directions(points_cam, normals, view.camera) @ cam_T_obj[:3, :3]
     # Which way along the image normal leads off the material.
-    outward = np.sign(np.einsum("nj,nj->n", directions_obj, edges.normals_obj[visible.ids].sum(1)))
+    outward = np.sign(np.einsum("nj,nj->n", directions_obj, edges.off_obj[visible.ids]))
     px_per_mm = outward * np.linalg.norm(directions_obj, axis=1)
     offsets_px = np.where(visible.outline, -inset_mm, 0.0) * px_per_mm
     return replace(drawn, points=drawn.points + offsets_px[:, None] * normals)

@@ -86,7 +86,7 @@ class ContourMemory:
     def __init__(self, config: ContourRegions, model: PreparedPart) -> None:
         self.config = config
         self.edges = model.edges
-        self.off_obj = model.edges.normals_obj.sum(1)
+        self.off_obj = model.edges.off_obj
         self.colours = RegionColours(config.colours)
         self.views = SparseViews(
             len(model.edges), model.part.box_centre, make_caster(model.part), config.reach_px, _RAY_STEP_PX

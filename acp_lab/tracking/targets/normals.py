@@ -349,5 +349,5 @@ class NormalJudgement:
             self.residuals_px,
             self.residuals_above(_SURELY_FOUND),
             measure.expected,
-            measure.knowledge.edges.normals_obj[ids].sum(1),
+            measure.knowledge.edges.off_obj[ids],
         )

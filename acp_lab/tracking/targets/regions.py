@@ -127,7 +127,7 @@ class RegionMemory:
         self.config = config
         self.edges = model.edges
         self.part = model.part
-        self.off_obj = model.edges.normals_obj.sum(1)
+        self.off_obj = model.edges.off_obj
         self.colours = RegionColours(config.colours)
         self.margin = 0.0
         count = len(model.edges)
