@@ -75,9 +75,10 @@ class PlanePoints:
     def points_obj(self, parameters: torch.Tensor) -> torch.Tensor:
         """W, (4, 3) mm in the object frame, of parameters (p,); float64 and differentiable."""
         offset, tilts = parameters[0], parameters[1:3]
-        places = torch.as_tensor(self.corners)
+        # Copies: the part's arrays are read-only, and torch shares only what it may write to.
+        places = torch.tensor(self.corners)
         if self.form == "printed":
             places = places + parameters[3:].reshape(4, 2)
         heights = offset + places @ tilts
         local = torch.cat([places, heights[:, None]], dim=1)
-        return torch.as_tensor(self.centre_obj) + local @ torch.as_tensor(self.axes_obj)
+        return torch.tensor(self.centre_obj) + local @ torch.tensor(self.axes_obj)
