@@ -11,8 +11,8 @@ from acp_lab.geometry.arrays import FloatArray
 
 
 @kernel("b1(f8[:, ::1], f8[::1])")
-def solve_six(matrix: FloatArray, vector: FloatArray) -> bool:
-    """Solve matrix (6, 6) x = vector (6,) into the vector, by elimination; whether it was possible.
+def eliminate(matrix: FloatArray, vector: FloatArray) -> bool:
+    """Solve matrix (n, n) x = vector (n,) into the vector, for the small n of poses; whether it was possible.
 
     The matrix is used up.
     """

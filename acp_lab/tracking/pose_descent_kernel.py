@@ -8,7 +8,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose_kernels import move, solve_six, step_between
+from acp_lab.geometry.pose_kernels import eliminate, move, step_between
 
 _TINY = 1e-9
 _LEAST_MASS = 1e-12
@@ -99,7 +99,7 @@ def descend(
         if damping > 0.0:
             for j in range(6):
                 matrix[j, j] += damping * matrix[j, j] + _TINY * largest
-        if not solve_six(matrix, vector):
+        if not eliminate(matrix, vector):
             vector[:] = 0.0
         move(at, centre_obj, vector, moved)
         depth, everything = moved[2, 3], 0.0

@@ -91,6 +91,10 @@ class Tones:
             return None
         channels = [(np.ascontiguousarray(b), np.ascontiguousarray(n)) for b, n in zip(before.T, now.T, strict=True)]
         counts = [[np.bincount(values, minlength=256) for values in channel] for channel in channels]
+        # What is left is at least the change less what separates the histograms, which is quickly known.
+        apart = float(np.mean([np.abs(np.cumsum(b - n)).sum() / n.sum() for b, n in counts]))
+        if change - apart >= self.config.unexplained * change:
+            return None
         curves = np.stack([_matched(b, n) for b, n in counts])
         pairs = zip(curves, channels, strict=True)
         left = float(np.mean([np.abs(curve[n] - b).mean() for curve, (b, n) in pairs]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from acp_lab.geometry.pose import make_pose, so3_exp
-from acp_lab.geometry.pose_kernels import move, solve_six, step_between
+from acp_lab.geometry.pose_kernels import eliminate, move, step_between
 from acp_lab.geometry.pose_step import move_pose, pose_step_between
 
 CENTRE = np.array([120.0, -40.0, 15.0])
@@ -34,12 +34,12 @@ def test_six_equations_are_solved(rng: np.random.Generator) -> None:
         matrix, vector = rng.normal(size=(6, 6)), rng.normal(size=6)
         matrix[0, 0] = 0.0  # rows must be swapped
         expected = np.linalg.solve(matrix, vector)
-        assert solve_six(matrix.copy(), vector)
+        assert eliminate(matrix.copy(), vector)
         np.testing.assert_allclose(vector, expected, rtol=1e-7)
 
 
 def test_equations_without_a_solution_say_so(rng: np.random.Generator) -> None:
     matrix = rng.normal(size=(6, 6))
     matrix[:, 3] = 0.0
-    assert not solve_six(matrix, np.ones(6))
-    assert not solve_six(np.full((6, 6), np.nan), np.ones(6))
+    assert not eliminate(matrix, np.ones(6))
+    assert not eliminate(np.full((6, 6), np.nan), np.ones(6))

@@ -24,7 +24,7 @@ import numpy as np
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
-from acp_lab.geometry.pose_kernels import solve_six
+from acp_lab.geometry.pose_kernels import eliminate
 
 # A handful of samples has no scatter to speak of.
 MIN_FOR_SCATTER = 30
@@ -267,7 +267,7 @@ def _scatter_after_fit(residuals_px: FloatArray, jacobian: FloatArray) -> float:
                     matrix[j, k] += weighted * jacobian[i, k] / scale[k]
         for j in range(6):
             matrix[j, j] += 1e-3 * total
-        if not solve_six(matrix, vector):
+        if not eliminate(matrix, vector):
             break
         step += vector
         for i in range(count):

@@ -14,8 +14,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import BoolArray, FloatArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray, plain
+from acp_lab.geometry.pose_kernels import eliminate
 
 _LEAST_POINTS = 30
 
@@ -71,23 +73,54 @@ class EdgePolarity:
             rate: that share, for a shift that the frame shows beyond doubt.
         """
         config, before = self.config, self.shift_px
-        rows = np.flatnonzero(np.isfinite(residuals_px))
-        if len(rows) < _LEAST_POINTS:
+        if np.isfinite(residuals_px).sum() < _LEAST_POINTS:
             return 0.0
-        residuals = residuals_px[rows]
-        towards_bright = np.sign(gradients[rows]) * np.abs(outward[rows])
-        columns = np.column_stack([towards_bright, outward[rows], jacobian[rows]])
-        columns[:, 2:] /= np.abs(columns[:, 2:]).max(axis=0).clip(1e-12)  # rad and mm alike
         doubt = config.alike * (config.scatter_px / config.spread_px) ** 2
-        prior = np.diag([doubt] + [1e-6] * 7)
-        found: FloatArray = np.zeros(8)
-        left: FloatArray = residuals
-        for _ in range(2):  # the second time around what the first one found
-            weighted = columns / (1.0 + (left / config.scatter_px) ** 2)[:, None] ** 2
-            side = weighted.T @ residuals
-            side[0] -= doubt * before  # without evidence there is no shift
-            found = np.asarray(np.linalg.solve(columns.T @ weighted + prior, side), np.float64)
-            left = residuals - columns @ found
-        moved = rate * float(found[0])
-        self.shift_px = float(np.clip(before + moved, -config.largest_px, config.largest_px))
+        found = _fit_shift(
+            plain(gradients), plain(outward), plain(residuals_px), plain(jacobian), doubt, config.scatter_px, before
+        )
+        self.shift_px = float(np.clip(before + rate * found, -config.largest_px, config.largest_px))
         return self.shift_px - before
+
+
+@kernel("f8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8, f8)")
+def _fit_shift(
+    gradients: FloatArray, outward: FloatArray, residuals_px: FloatArray, jacobian: FloatArray, doubt: float,
+    scatter_px: float, before: float,
+) -> float:  # fmt: skip
+    """The shift beside `before`, px, of a robust fit of shift, size and pose step, see `EdgePolarity.measure`.
+
+    doubt: information of the prior that there is no shift at all; 0 where nothing can be fitted.
+    """
+    scale, found = np.full(6, 1e-12), np.zeros(8)
+    for i in range(len(residuals_px)):
+        if np.isfinite(residuals_px[i]):
+            for k in range(6):
+                scale[k] = max(scale[k], abs(jacobian[i, k]))  # rad and mm alike
+    matrix, side, columns = np.empty((8, 8)), np.empty(8), np.empty(8)
+    for _ in range(2):  # the second time around what the first one found
+        matrix[:], side[:] = 0.0, 0.0
+        matrix[0, 0], side[0] = doubt, -doubt * before  # without evidence there is no shift
+        for k in range(1, 8):
+            matrix[k, k] = 1e-6
+        for i in range(len(residuals_px)):
+            if not np.isfinite(residuals_px[i]):
+                continue
+            columns[0], columns[1] = np.sign(gradients[i]) * abs(outward[i]), outward[i]
+            left = residuals_px[i] - found[0] * columns[0] - found[1] * columns[1]
+            for k in range(6):
+                columns[2 + k] = jacobian[i, k] / scale[k]
+                left -= found[2 + k] * columns[2 + k]
+            weight = 1.0 / (1.0 + (left / scatter_px) ** 2) ** 2
+            for k in range(8):
+                weighted = weight * columns[k]
+                side[k] += weighted * residuals_px[i]
+                for j in range(k + 1):
+                    matrix[k, j] += weighted * columns[j]
+        for k in range(8):
+            for j in range(k):
+                matrix[j, k] = matrix[k, j]
+        if not eliminate(matrix, side):
+            return 0.0
+        found[:] = side
+    return float(found[0])

@@ -109,3 +109,27 @@ def test_candidates_are_expected_on_their_bright_side() -> None:
 def test_nonsense_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=f"learning.polarity.{next(iter(values))}"):
         PolarityConfig(**values)
+
+
+def test_the_fit_is_that_of_its_slow_twin(rng: np.random.Generator) -> None:
+    """A robust fit of shift, size and pose step, once plainly and once more around what it found."""
+    gradients = rng.normal(0.0, 4.0, COUNT)
+    outward = rng.choice([-1.0, 0.0, 1.0], COUNT)
+    residuals = 0.3 * np.sign(gradients) * np.abs(outward) + jacobian() @ rng.normal(0.0, 0.1, 6) + noise(3)
+    residuals[rng.random(COUNT) < 0.2] = np.nan
+    polarity = EdgePolarity(PolarityConfig())
+    polarity.shift_px = before = 0.1
+    moved = polarity.measure(gradients, outward, residuals, jacobian(), rate=1.0)
+
+    config, rows = polarity.config, np.isfinite(residuals)
+    doubt = config.alike * (config.scatter_px / config.spread_px) ** 2
+    seen = residuals[rows]
+    columns = np.column_stack([np.sign(gradients) * np.abs(outward), outward, jacobian()])[rows]
+    columns[:, 2:] /= np.abs(columns[:, 2:]).max(axis=0).clip(1e-12)
+    found = np.zeros(8)
+    for _ in range(2):
+        weights = 1.0 / (1.0 + ((seen - columns @ found) / config.scatter_px) ** 2) ** 2
+        matrix = columns.T @ (weights[:, None] * columns) + np.diag([doubt] + [1e-6] * 7)
+        found = np.linalg.solve(matrix, columns.T @ (weights * seen) - np.eye(8)[0] * doubt * before)
+    assert moved == pytest.approx(found[0], abs=1e-6)
+    assert abs(moved) > 0.05
