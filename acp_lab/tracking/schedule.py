@@ -59,8 +59,8 @@ class PixelSchedule:
 
     @property
     def near(self) -> tuple[Level, ...]:
-        """The levels from a pose that is surely near: without the first, which finds the way."""
-        return self.levels[1:] or self.levels
+        """The level from a pose that is surely near: the last, as the others find the way there."""
+        return self.levels[-1:]
 
     def at(self, size_px: float) -> tuple[Level, ...]:
         """The levels for a part whose diameter measures size_px in the image."""

@@ -276,8 +276,8 @@ class Tracker:
     def _track(self, frame: Frame, clock: Stopwatch) -> tuple[FloatArray, Solution | None]:
         """The predicted pose, and the first try from there.
 
-        From a sure prediction the part is not looked for, and the first level, which finds the way, is left out; unless
-        the frame then fits worse than usual.
+        From a sure prediction the part is not looked for, and of the levels only the last is asked, as the others find
+        the way; unless the frame then fits worse than usual.
         """
         schedule, short = self.method.schedule, None
         if isinstance(schedule, PixelSchedule) and self._predictor.is_sure(frame.camera):
