@@ -58,7 +58,7 @@ class Alternatives:
     """
 
     kind: ClassVar[str] = "alternatives"
-    below: float = 0.8
+    below: float = 0.6
     slack: float = 0.05
     gain: float = 0.03
     innovation_cost: float = 0.003
@@ -170,13 +170,13 @@ def _alternatives(
 ) -> Solution | None:
     if first is not None and first.score >= config.below * situation.mean_score:
         return first
-    tried = [(situation.predicted, REGIONS_FIRST), (situation.last, EDGES_TOO), (situation.last, REGIONS_FIRST)]
     found: list[tuple[float, SeenFrame, Solution]] = []
-    for pose, levels in tried:
+    for pose, tried in ((situation.predicted, (REGIONS_FIRST,)), (situation.last, (EDGES_TOO, REGIONS_FIRST))):
         seen = look(pose)
-        solution = None if seen is None else solver.solve(seen, seen.view.at_pose(pose), clock, levels)
-        if seen is not None and solution is not None:
-            found.append((solution.score, seen, solution))
+        if seen is None:
+            continue
+        solutions = [solver.solve(seen, seen.view.at_pose(pose), clock, levels) for levels in tried]
+        found += [(solution.score, seen, solution) for solution in solutions if solution is not None]
     if not found:
         return first
     score, seen, promising = max(found, key=lambda entry: entry[0])
