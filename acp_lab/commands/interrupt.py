@@ -3,6 +3,8 @@
 Some libraries swallow KeyboardInterrupt while they are imported (`except BaseException` around optional
 imports), turn it into another error, or crash later because half of a module is there. So while something is imported
 the handler here waits until that is done; it remembers the key, and commands ask at every step.
+
+The handler may itself be interrupted, by the next key: it sets plain flags, and takes no lock.
 """
 
 from __future__ import annotations
@@ -12,13 +14,25 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
 EXIT_STATUS = 130
 
 _AGAIN_S = 0.05
-_seen, _raised, _told = threading.Event(), threading.Event(), threading.Event()
+
+
+@dataclass
+class _Key:
+    """What became of Ctrl-C: pressed, raised as KeyboardInterrupt, told to the user."""
+
+    seen: bool = False
+    raised: bool = False
+    told: bool = False
+
+
+_key = _Key()
 
 
 def listen() -> None:
@@ -51,13 +65,13 @@ def remembered() -> Iterator[None]:
 
 def pressed() -> bool:
     """Whether Ctrl-C was pressed since the listening began."""
-    return _seen.is_set()
+    return _key.seen
 
 
 def tell() -> int:
     """Say, once, that the command was interrupted; the exit status for that."""
-    if not _told.is_set():
-        _told.set()
+    if not _key.told:
+        _key.told = True
         print("note: interrupted", file=sys.stderr, flush=True)
     return EXIT_STATUS
 
@@ -69,14 +83,13 @@ def check() -> None:
 
 
 def _forget() -> None:
-    for event in (_seen, _raised, _told):
-        event.clear()
+    _key.seen = _key.raised = _key.told = False
 
 
 def _remember(number: int, frame: FrameType | None) -> None:
-    _seen.set()
+    _key.seen = True
     if not _is_importing(frame):
-        _raised.set()
+        _key.raised = True
         raise KeyboardInterrupt
     again = threading.Timer(_AGAIN_S, _press)
     again.daemon = True
@@ -85,7 +98,7 @@ def _remember(number: int, frame: FrameType | None) -> None:
 
 def _press() -> None:
     """Ctrl-C once more, to the main thread, which may be waiting for something; unless another one got through."""
-    if _raised.is_set():
+    if _key.raised:
         return
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ class Resumption:
         done: ids of the scenes that are complete.
         scene_id, im_id: the image whose rows are the last ones kept, of the scene that is not; None between scenes.
         starts: (4, 4) cam_T_obj by object id in that image.
+        rows: those that are kept. info: what results.run.json said of the run that made them.
     """
 
     keep_bytes: int
@@ -43,6 +44,17 @@ class Resumption:
     scene_id: int | None = None
     im_id: int | None = None
     starts: Mapping[int, FloatArray] | None = None
+    rows: tuple[ResultRow, ...] = ()
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+    def kept(self, name: str) -> list[Any]:
+        """The entries of a list in results.run.json, each with its scene_id and im_id, of rows that are kept."""
+        frames, entries = {row.key[:2] for row in self.rows}, self.info.get(name)
+        return [
+            entry
+            for entry in (entries if isinstance(entries, list) else ())
+            if isinstance(entry, dict) and (entry.get("scene_id"), entry.get("im_id")) in frames
+        ]
 
     def rest_of(self, job: SceneJob) -> SceneJob | None:
         """What is left of a scene; None when it is complete."""
@@ -98,7 +110,7 @@ def resumption(
     rows = rows_with_ends(results)
     if not rows:
         return None
-    _check_same(results, inputs)
+    info = _same_inputs(results, inputs)
     by_scene = {job.sequence.scene_id: job for job in jobs}
     last: Resumption | None = None
     done: set[int] = set()
@@ -114,21 +126,26 @@ def resumption(
             last = Resumption(of_frame[-1][1], frozenset(done))
         elif all(row.score > 0.0 for row in found):  # the part was seen, so that a tracker can start there
             last = Resumption(of_frame[-1][1], frozenset(done), scene_id, im_id, _poses(found))
-    return last
+    return (
+        None if last is None else replace(last, rows=tuple(r for r, end in rows if end <= last.keep_bytes), info=info)
+    )
 
 
 def _poses(rows: Sequence[ResultRow]) -> dict[int, FloatArray]:
     return {row.obj_id: row.cam_T_obj for row in rows}
 
 
-def _check_same(results: Path, inputs: Mapping[str, str]) -> None:
+def _same_inputs(results: Path, inputs: Mapping[str, str]) -> Mapping[str, Any]:
+    """What results.run.json says; InputFileError when it is of other inputs."""
     path = run_info_path(results)
-    before = read_json_object(path, f"{results} cannot be resumed without it: {ANEW}").get("inputs")
+    info = read_json_object(path, f"{results} cannot be resumed without it: {ANEW}")
+    before = info.get("inputs")
     if not isinstance(before, dict):
         raise InputFileError(f"{path}: does not say what {results.name} was made from: {ANEW}")
     for name in sorted(set(before) | set(inputs)):
         if before.get(name) != inputs.get(name):
             raise InputFileError(f"{results}: cannot be resumed: another run made it ({name} differs): {ANEW}")
+    return info
 
 
 def _frames_in_words(frames: Frames) -> list[Any]:

@@ -26,6 +26,7 @@ from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.results_file import ResultsFile
 from acp_lab.tracking.session import follow_sequence
 from acp_lab.tracking.sought import MOST_KEPT, to_row
+from acp_lab.tracking.states import StateConfig, StateMachine
 from acp_lab.tracking.tracker import Tracker
 
 if TYPE_CHECKING:
@@ -41,15 +42,17 @@ class ResultsObserver(ResultsFile):
     def __init__(self, path: Path, info: dict[str, Any], go_on: Resumption | None = None) -> None:
         super().__init__(path, info, go_on.keep_bytes if go_on else 0)
         self._info = info
+        self._searches, self._unreadable = (info.setdefault(name, []) for name in ("searches", "unreadable"))
         self._stands = (go_on.scene_id, go_on.im_id) if go_on else None
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
         """Write the frame's rows, unless they stand there."""
         super().on_frame(frame, {} if (self._scene_id, frame.index) == self._stands else results)
-        searches = self._info.setdefault("searches", [])
+        if isinstance(frame, UnreadableFrame) and len(self._unreadable) < MOST_KEPT:
+            self._unreadable.append({"scene_id": self._scene_id, "im_id": frame.index})
         for object_id, result in results.items():
-            if result.sought is not None and len(searches) < MOST_KEPT:
-                searches.append(to_row(self._scene_id, result.frame_id, object_id, result.sought))
+            if result.sought is not None and len(self._searches) < MOST_KEPT:
+                self._searches.append(to_row(self._scene_id, result.frame_id, object_id, result.sought))
 
     def on_end(self) -> None:
         """Stay open for the next scene."""
@@ -102,6 +105,18 @@ class ObjectSummary:
     unreadable: int = 0
     first_lost: int | None = None
 
+    def add(self, im_id: int, state: TrackState, is_unreadable: bool) -> None:
+        """Count a frame."""
+        self.states[str(state)] += 1
+        if state is TrackState.LOST and self.first_lost is None:
+            self.first_lost = im_id
+        self.unreadable += is_unreadable
+
+    def add_seen(self, time_s: float, quality: float) -> None:
+        """Take in a frame that was read."""
+        self.times_s.append(time_s)
+        self.qualities.append(quality)
+
     @property
     def time_s_median(self) -> float:
         """Median wall seconds per frame that was read; NaN when none was."""
@@ -133,28 +148,23 @@ class RunSummary:
 
 
 class SummaryObserver:
-    """Counts states and collects times."""
+    """Counts states and collects times; before: by object id, what a run that this one goes on with has seen."""
 
-    def __init__(self) -> None:
-        self.objects: dict[int, ObjectSummary] = {}
+    def __init__(self, before: Mapping[int, ObjectSummary] | None = None) -> None:
+        self.objects: dict[int, ObjectSummary] = dict(before or {})
 
     def on_start(self, session: SessionInfo) -> None:
-        self.objects = {
-            tracked.object_id: ObjectSummary(session.scene_id, tracked.object_id, tracked.part.name)
-            for tracked in session.objects
-        }
+        for tracked in session.objects:
+            empty = ObjectSummary(session.scene_id, tracked.object_id, tracked.part.name)
+            self.objects.setdefault(tracked.object_id, empty)
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
         for object_id, result in results.items():
             summary = self.objects[object_id]
-            summary.states[str(result.state)] += 1
-            if result.state is TrackState.LOST and summary.first_lost is None:
-                summary.first_lost = frame.index
-            summary.unreadable += isinstance(frame, UnreadableFrame)
+            summary.add(frame.index, result.state, isinstance(frame, UnreadableFrame))
             if isinstance(frame, Frame):
                 summary.size = f" of {frame.camera.width} x {frame.camera.height}"
-                summary.times_s.append(result.timings.total_s)
-                summary.qualities.append(result.quality)
+                summary.add_seen(result.timings.total_s, result.quality)
 
     def on_end(self) -> None:
         pass
@@ -184,7 +194,9 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
     info = _run_info(parts, generators, method, options)
     info["inputs"] = inputs_of(jobs, options.parts, info["configuration"])
     go_on = resumption(options.out, jobs, info["inputs"], options.max_frames) if options.resume else None
+    before = {} if go_on is None else {job.sequence.scene_id: seen_before(go_on, job, method.states) for job in jobs}
     if go_on is not None:
+        info |= {name: go_on.kept(name) for name in ("searches", "unreadable")}
         jobs = [rest for job in jobs if (rest := go_on.rest_of(job)) is not None]
         info["resumed_after"] = {"scene_id": go_on.scene_id, "im_id": go_on.im_id}
         console.note(go_on.told(bool(jobs)))
@@ -199,22 +211,53 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
         if replay is not None:
             at_the_end.callback(replay.close)  # last: when it fails, the results are complete
         try:
-            summaries = [summary for job in jobs for summary in _follow(job, method, options, listening)]
+            for job in jobs:
+                earlier = before.get(job.sequence.scene_id, {})
+                before[job.sequence.scene_id] = _follow(job, method, options, listening, earlier)
             info["complete"] = True
         finally:
             info["wall_s"] = time.perf_counter() - start
             info["peak_memory_mb"] = machine.peak_memory_mb()
             results.finish()
-    return RunSummary(tuple(summaries), "" if replay is None else replay.lacks)
+    summaries = tuple(summary for of_scene in before.values() for summary in of_scene.values())
+    return RunSummary(summaries, "" if replay is None else replay.lacks)
+
+
+def seen_before(go_on: Resumption, job: SceneJob, states: StateConfig) -> dict[int, ObjectSummary]:
+    """By object id, what the kept rows of a scene say; not of the image in which the tracker starts again.
+
+    Times and qualities are those of rows with a score above 0: of the others nobody knows whether there was an image.
+    """
+    found: dict[int, ObjectSummary] = {}
+    machines: dict[int, StateMachine] = {}
+    unreadable = {(entry["scene_id"], entry["im_id"]) for entry in go_on.kept("unreadable")}
+    for row in go_on.rows:
+        image = row.scene_id, row.im_id
+        if row.scene_id != job.sequence.scene_id or image == (go_on.scene_id, go_on.im_id):
+            continue
+        if row.obj_id not in found:
+            found[row.obj_id] = ObjectSummary(row.scene_id, row.obj_id, job.models[row.obj_id].part.name)
+            machines[row.obj_id] = StateMachine(states)
+            machines[row.obj_id].begin(row.score)
+        else:
+            machines[row.obj_id].update(row.score)
+        found[row.obj_id].add(row.im_id, machines[row.obj_id].state, image in unreadable)
+        if row.score > 0.0:
+            found[row.obj_id].add_seen(row.time_s, row.score)
+    return found
 
 
 def _follow(
-    job: SceneJob, method: Method, options: TrackOptions, listening: Sequence[Observer]
-) -> tuple[ObjectSummary, ...]:
-    """Track one scene."""
+    job: SceneJob,
+    method: Method,
+    options: TrackOptions,
+    listening: Sequence[Observer],
+    before: Mapping[int, ObjectSummary],
+) -> dict[int, ObjectSummary]:
+    """Track one scene; what was seen of it by object id, with what was before."""
     most = None if options.max_frames is None else options.max_frames - job.tracked_before
     count = len(job.sequence.frame_ids)
-    seen, reporter = SummaryObserver(), Reporter(min(count, most or count))
+    seen, reporter = SummaryObserver(before), Reporter(min(count, most or count))
     follow_sequence(
         {object_id: Tracker(model, method) for object_id, model in job.models.items()},
         job.sequence,
@@ -222,7 +265,7 @@ def _follow(
         observers=(listening[0], seen, reporter, *listening[1:]),
         max_frames=most,
     )
-    return tuple(seen.objects.values())
+    return seen.objects
 
 
 def _replay(options: TrackOptions, path: Path, jobs: Sequence[SceneJob]) -> Replay:

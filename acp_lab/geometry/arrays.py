@@ -18,6 +18,11 @@ ByteImage: TypeAlias = NDArray[np.uint8]
 """(h, w) grey or (h, w, 3) RGB."""
 
 
+def writable(image: ByteImage) -> ByteImage:
+    """An image as compiled loops take it; a copy only of one that is read-only."""
+    return image if image.flags.writeable else image.copy()
+
+
 def plain(array: ArrayLike) -> FloatArray:
     """An array as compiled loops take it: float64, row by row, writable; a copy only of one that is not."""
     if type(array) is np.ndarray and array.dtype == np.float64:

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.camera import Camera
 
@@ -22,6 +25,8 @@ class Frame:
     time_s: when the image was taken, seconds from the start of the sequence; None when nobody knows.
     undistort_s: wall seconds spent on removing lens distortion; it counts as tracking time, decoding does
     not.
+
+    Raises SequenceError for an image that is none of that form or not of its camera's size.
     """
 
     index: int
@@ -29,6 +34,20 @@ class Frame:
     camera: Camera
     time_s: float | None = None
     undistort_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        image, camera = self.image, self.camera
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+            kind = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise SequenceError(
+                f"frame {self.index}: its image is {kind}: give RGB, uint8 (height, width, 3); grey three times: "
+                "np.dstack([grey] * 3)"
+            )
+        if image.shape[:2] != (camera.height, camera.width):
+            raise SequenceError(
+                f"frame {self.index}: its image is {image.shape[1]} x {image.shape[0]} px but its camera "
+                f"{camera.width} x {camera.height}: give the camera of this image"
+            )
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ refused. There is no truth in these sequences, so the start pose comes from else
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
@@ -21,6 +22,7 @@ import numpy as np
 from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera, Undistorter
+from acp_lab.input_file import check_regular
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, LARGEST_PIXELS, quiet_cv2, read_rgb
 from acp_lab.sequences.pixel_coding import PixelCoding
@@ -137,8 +139,7 @@ class VideoFile(_OwnImages):
 
     def __init__(self, path: str | Path, camera: Camera) -> None:
         self.path = Path(path)
-        if not self.path.is_file():
-            raise InputFileError(f"{self.path}: no such video file: give a video, or a folder of images")
+        _check_video_file(self.path)
         super().__init__(self.path.name, camera)
         with _capture(str(self.path), cv2.CAP_FFMPEG) as video:
             _check_frame_size(video, self.path)
@@ -230,8 +231,8 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
         image = read_rgb(first, PixelCoding.beside(path) if coding is None else coding)
         return image.shape[1], image.shape[0]
     is_device = str(path).isdecimal() and not path.exists()
-    if not is_device and not path.is_file():
-        raise InputFileError(f"{path}: no such video file: give a video, or a folder of images")
+    if not is_device:
+        _check_video_file(path)
     with _capture(int(str(path)) if is_device else str(path), cv2.CAP_ANY if is_device else cv2.CAP_FFMPEG) as video:
         if not is_device:
             _check_frame_size(video, path)
@@ -240,6 +241,14 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
         fix = "check its number and its cable" if is_device else "convert it, as to H.264"
         raise InputFileError(f"{path}: gives no image: {fix}")
     return picture.shape[1], picture.shape[0]
+
+
+def _check_video_file(path: Path) -> None:
+    fix = "give a video, or a folder of images"
+    if path.exists():
+        check_regular(path, fix, math.inf)
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such video file: {fix}")
 
 
 @contextmanager

@@ -176,6 +176,9 @@ class FrameSolver:
             if edges is None:
                 return None
             motion = method.variables.motion(self.source, edges, at, self._lifter, level.samples)
+            edges = motion.kept(edges)
+            if len(edges) < MIN_EDGES:
+                return None
             measures = [target.bind(edges, at, level) for target in seen.targets]
             clock.search_s += clock.lap()
             problem = Problem(

@@ -2,10 +2,14 @@
 
 It watches until it is told where the part is, by a pose or by "look for it yourself", and follows it from then on.
 Whoever shows the frames is handed in as a function; whoever presses buttons calls the methods.
+
+Nobody is woken here, everybody looks again every now and then: an interrupt of a notebook's kernel inside
+`threading.Condition`, which is Python, may leave its lock taken or somebody asleep for ever.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,6 +29,8 @@ from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.tracker import Tracker
 
 OBJECT_ID = 1
+LOOK_S = 0.01
+"""Between two looks at what the hand wants."""
 Doing = Literal["watching", "looking", "following", "waiting", "ended"]
 Show = Callable[[Frame | UnreadableFrame, TrackResult | None], object]
 Tell = Callable[[str], object]
@@ -51,7 +57,7 @@ class LiveLoop:
         self.rows: list[ResultRow] = []
         self._start: FloatArray | None = None
         self._is_over = False
-        self._changed = threading.Condition()
+        self._lock = threading.RLock()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
 
     def begin(self) -> None:
@@ -68,8 +74,8 @@ class LiveLoop:
         None, without standing still, when no frame comes in this time.
         """
         self._do("waiting")
-        with self._changed:
-            self._changed.wait_for(lambda: self._stands_at is not None or self.doing == "ended", timeout_s)
+        _wait_until(lambda: self._stands_at is not None or self.doing == "ended", timeout_s)
+        with self._lock:
             frame = self._stands_at
             if frame is None:
                 self._turn_from("waiting", "watching")
@@ -85,9 +91,7 @@ class LiveLoop:
 
     def stop(self, timeout_s: float = 10.0) -> None:
         """End after the frame at hand, and let the camera go."""
-        with self._changed:
-            self._is_over = True
-            self._changed.notify_all()
+        self._is_over = True
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join(timeout_s)
 
@@ -97,14 +101,13 @@ class LiveLoop:
         return not self._thread.is_alive()
 
     def _do(self, what: Doing, start: FloatArray | None = None) -> None:
-        with self._changed:
+        with self._lock:
             if self.doing != "ended":
                 self.doing, self._start = what, start
-            self._changed.notify_all()
 
     def _turn_from(self, before: Doing, what: Doing, start: FloatArray | None = None) -> bool:
         """Do something else, unless somebody said otherwise meanwhile: a button outranks what the loop found out."""
-        with self._changed:
+        with self._lock:
             is_asked = self.doing == before and self._start is None
             if is_asked:
                 self._do(what, start)
@@ -119,16 +122,15 @@ class LiveLoop:
         except AcpLabError as error:
             self._tell(str(error))
         finally:
-            with self._changed:
+            with self._lock:
                 self.doing = "ended"
-                self._changed.notify_all()
 
     def _result(self, frame: Frame | UnreadableFrame) -> TrackResult | None:
         if isinstance(frame, Frame) and self.doing == "waiting":
             self._stand_at(frame)
         if isinstance(frame, Frame) and self.doing == "looking":
             self._look_in(frame)
-        with self._changed:  # the start is taken with what it was meant for
+        with self._lock:  # the start is taken with what it was meant for
             if self.doing != "following" or (self._start is not None and not isinstance(frame, Frame)):
                 return None
             start, self._start = self._start, None
@@ -151,11 +153,16 @@ class LiveLoop:
 
     def _stand_at(self, frame: Frame) -> None:
         self._show(frame, None)
-        with self._changed:
-            self._stands_at = frame
-            self._changed.notify_all()
-            self._changed.wait_for(lambda: self._is_over or self.doing != "waiting")
-            self._stands_at = None
+        self._stands_at = frame
+        _wait_until(self._goes_on)
+
+    def _goes_on(self) -> bool:
+        """Whether the loop need not stand still any longer; then it does not, for whoever asks from now on."""
+        with self._lock:
+            goes_on = self._is_over or self.doing != "waiting"
+            if goes_on:
+                self._stands_at = None
+        return goes_on
 
     def _track(self, frame: Frame | UnreadableFrame, start: FloatArray | None) -> TrackResult:
         if start is None or not isinstance(frame, Frame):
@@ -179,6 +186,13 @@ class LiveLoop:
                 # After a pause the film goes on where it was, it does not catch up.
                 due_s = max(due_s + time_s - before_s, time.perf_counter() - 0.1)
                 before_s = time_s
-                with self._changed:  # whoever stops it need not wait for a gap in the film
-                    self._changed.wait_for(lambda: self._is_over, max(0.0, due_s - time.perf_counter()))
+                # Whoever stops it need not wait for a gap in the film.
+                _wait_until(lambda: self._is_over, due_s - time.perf_counter())
             yield frame
+
+
+def _wait_until(is_true: Callable[[], bool], timeout_s: float = math.inf) -> None:
+    """Wait until something is true, or for so long."""
+    end_s = time.perf_counter() + timeout_s
+    while not is_true() and (left_s := end_s - time.perf_counter()) > 0.0:
+        time.sleep(min(LOOK_S, left_s))

@@ -174,6 +174,11 @@ class Method:
                 'or sight.kind = "off"',
             ),
             (
+                self.prediction.weighs_images or not any(isinstance(prior, MotionPrior) for prior in self.priors),
+                'priors.kind = "motion": needs a prediction that knows how sure it is: give prediction.kind = '
+                '"kalman", or leave it out',
+            ),
+            (
                 not (self._learns_offsets and self.source.inset_outlines),
                 "source.inset_outlines and learning.offsets would both move outlines: switch one of them off",
             ),

@@ -34,6 +34,10 @@ Rows = Callable[[FloatArray], FloatArray]
 class Motion(Protocol):
     """Edge points of one level as a function of the estimate."""
 
+    def kept(self, generated: GeneratedEdges) -> GeneratedEdges:
+        """Those of the level's edges, as generated at its start, that are moved."""
+        ...
+
     def edges(self, at: Estimate) -> GeneratedEdges:
         """The edge points at an estimate; GeometryError where it is degenerate."""
         ...
@@ -141,6 +145,10 @@ class PoseVariables:
 class _ControlPointMotion:
     """Variables I: a step is added."""
 
+    def kept(self, generated: GeneratedEdges) -> GeneratedEdges:
+        """All."""
+        return generated
+
     def moved(self, at: Estimate, step: FloatArray) -> Estimate:
         """I after a step (8,) px."""
         return at.view.at_points(at.control_points + step.reshape(4, 2))
@@ -218,6 +226,10 @@ class RigidMotion:
     def keeps_rows(self) -> bool:
         """Whether the rows of the level's start are kept, and its points are where their 3D points project to."""
         return self._per_level and self._is_exact
+
+    def kept(self, generated: GeneratedEdges) -> GeneratedEdges:
+        """Those whose 3D points are known."""
+        return self._edges
 
     def edges(self, at: Estimate) -> GeneratedEdges:
         """The edges at a pose; directions are kept, a level turns them little."""

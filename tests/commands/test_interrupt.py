@@ -13,6 +13,7 @@ import pytest
 
 from acp_lab import cli
 from acp_lab.commands import interrupt
+from tests.key_presses import ends_within, pressed_at
 
 
 def test_a_swallowed_key_is_not_lost() -> None:
@@ -113,3 +114,15 @@ def test_an_error_that_a_key_turned_into_is_the_key(
     monkeypatch.setattr("acp_lab.commands.doctor.print_report", turn)
     assert cli.main(["doctor"]) == 130
     assert capsys.readouterr().err == "note: interrupted\n"
+
+
+def test_a_second_key_while_the_first_is_taken_down() -> None:
+    def press() -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            interrupt._remember(signal.SIGINT, None)
+
+    for number in range(10):
+        with interrupt.remembered():
+            pressed_at(number, press)
+            assert ends_within(10.0, press), f"the second key never ends, after the first at moment {number}"
+            assert interrupt.pressed()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -87,6 +88,40 @@ def test_frames_without_sight_are_tracked_again(
     assert outcome.status == 0
     assert "image 2" in outcome.err
     assert keys(out) == keys(tmp_path / "whole.csv")
+
+
+def test_what_the_run_before_saw_is_not_forgotten(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """The summary counts its frames too, and names the frame that it lost first; where it searched stays."""
+    for im_id in FRAME_IDS[1:3]:
+        (dataset / "test" / "000001" / "rgb" / f"{im_id:06d}.png").write_bytes(b"")
+    told = f"5 frames of 320 x 240 .*; first lost in image {FRAME_IDS[2]}; 2 not readable"
+    whole = track(capsys, dataset, parts, tmp_path / "whole.csv")
+    assert len(re.findall(told, whole.out)) == PER_FRAME, whole.out
+    out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 4 * PER_FRAME)
+    searches = [{"scene_id": 1, "im_id": im_id, "score": 0.5} for im_id in (FRAME_IDS[2], FRAME_IDS[4])]
+    edit_json(out.with_suffix(".run.json"), lambda info: info.update(searches=searches))
+    outcome = track(capsys, dataset, parts, out, "--resume")
+    assert outcome.status == 0, outcome
+    assert f"image {FRAME_IDS[3]}" in outcome.err
+    assert len(re.findall(told, outcome.out)) == PER_FRAME, outcome.out
+    info = json.loads(out.with_suffix(".run.json").read_text())
+    assert info["searches"] == searches[:1]
+    assert info["unreadable"] == [{"scene_id": 1, "im_id": im_id} for im_id in FRAME_IDS[1:3]]
+
+
+def test_scenes_that_were_done_are_in_the_summary(
+    capsys: pytest.CaptureFixture[str], parts: Path, tmp_path: Path
+) -> None:
+    dataset = write_dataset(tmp_path / "two", scenes=(1, 7))
+    assert track(capsys, dataset, parts, tmp_path / "whole.csv").status == 0
+    out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 5 * PER_FRAME)
+    lines = track(capsys, dataset, parts, out, "--resume").out.splitlines()
+    assert [line.partition(":")[0].partition(" (")[0] for line in lines[:4]] == [
+        f"scene {scene_id}, object {object_id}" for scene_id in (1, 7) for object_id in OBJECT_IDS
+    ]
+    assert all(": 5 frames" in line for line in lines[:4])
 
 
 def test_several_scenes_and_fewer_frames(capsys: pytest.CaptureFixture[str], parts: Path, tmp_path: Path) -> None:

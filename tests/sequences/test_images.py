@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -159,6 +160,14 @@ def test_open_images_takes_a_folder_a_file_or_the_number_of_a_camera(
     assert device.index == 7
     _folder(tmp_path / "7", ("0.png",))
     assert isinstance(open_images("7", CAMERA), ImageFolder)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes among the files of this system")
+def test_a_pipe_is_no_video(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "clip.mp4")
+    for call in (lambda: VideoFile(tmp_path / "clip.mp4", CAMERA), lambda: first_size(tmp_path / "clip.mp4")):
+        with pytest.raises(InputFileError, match=r"clip\.mp4: is a pipe, a device or a socket"):
+            call()
 
 
 def test_the_first_size_is_told_before_there_is_a_camera(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from acp_lab.sequences import open_images
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.live import LiveLoop
 from acp_lab.tracking.result import TrackResult
+from tests.key_presses import ends_within, pressed_at
 from tests.plugged_camera import PluggedCamera
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -171,3 +173,18 @@ def test_a_camera_that_is_not_there_is_told(spectator: Spectator, monkeypatch: p
     assert spectator.words == ["camera 3: cannot be opened: check its number, its cable and who else uses it"]
     assert loop.hold(0.1) is None
     assert loop.doing == "ended"
+
+
+def test_an_interrupt_at_any_moment_leaves_the_loop_running(spectator: Spectator) -> None:
+    """A kernel's interrupt while a button is at work: what the loop's thread asks for next still comes back."""
+    for press in (LiveLoop.look, LiveLoop.watch, LiveLoop.stop, lambda loop: loop.follow(np.eye(4))):
+        number = 0
+        is_pressed = True
+        while is_pressed:
+            loop = LiveLoop(sample_model(), sample_scene(), spectator.show, spectator.words.append)
+            loop.doing = "waiting"
+            is_pressed = pressed_at(number, partial(press, loop))
+            loop._is_over = True
+            assert ends_within(LAST, partial(loop._stand_at, sample_scene().frame(0))), f"after moment {number}"
+            number += 1
+        assert number > 1

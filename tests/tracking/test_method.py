@@ -46,7 +46,7 @@ from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
-from tests.tracking.drawn_part import drawn_part
+from tests.tracking.drawn_part import Drawn, drawn_part
 from tests.tracking.lit_part import lit_part
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent, draw, poses, prepared
 
@@ -172,6 +172,29 @@ def test_what_is_painted_matters_little_to_the_mixture(plate: Flat) -> None:
     assert max(off_percent(plate.model.part, run, plate.sequence)) < 7.0
 
 
+@pytest.mark.parametrize("bind", ["level", "step"])
+@pytest.mark.parametrize("linearise", ["level", "step"])
+@pytest.mark.parametrize("frame", ["pose", "prediction"])
+def test_painted_points_off_the_cad_are_left_out_everywhere(
+    frame: Any, linearise: Any, bind: Any, plate: Flat, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pose moves only points that lie near an edge of the CAD; the image is searched from those alone."""
+    monkeypatch.setattr(Drawn, "frame", frame)
+    method = replace(
+        DIRECT_6DOF,
+        source=PaintedRidges(frame=frame),
+        variables=PoseVariables(linearise),
+        targets=(NormalSearch(bind=bind),),
+        schedule=PixelSchedule(),
+    )
+    run = Tracker(drawn_part(plate.model), method).run(plate.sequence, plate.sequence.first_pose)
+    pairs = [(seen.edges, seen.residuals_px) for seen in run.results[1] if seen.edges is not None]
+    assert len(pairs) > 3, "it may be lost here, no more"
+    for edges, residuals_px in pairs:
+        assert residuals_px is not None
+        assert len(residuals_px) == len(edges)
+
+
 def test_without_optimised_points_the_paper_goes_another_way(plate: Flat) -> None:
     """The two point sets differ in what is painted and in where I is; the ablation is compared with the method."""
     runs = {}
@@ -220,6 +243,11 @@ def test_a_missing_generator_names_the_command(name: str, model: PreparedPart) -
             {"learning": Off()},
             'targets.kind = "regions": its colours are learnt with the samples',
         ),
+        (
+            ACP,
+            {"prediction": ACP_PAPER.prediction, "sight": Off(), "uncertainty": Off()},
+            'priors.kind = "motion": needs a prediction that knows how sure it is',
+        ),
         (ACP, {"source": CadSamples(inset_outlines=True)}, "source.inset_outlines and learning.offsets"),
         (ACP, {"source": PaintedSamples()}, "source.inset_outlines and learning.offsets"),
         (
@@ -267,6 +295,8 @@ def test_losses_and_learning_that_are_none_are_refused() -> None:
         DistanceMap("printed")
     with pytest.raises(TrackingError, match=r"are off: give learning\.kind"):
         SampleLearning(Off(), Off(), Off(), Off())
+    with pytest.raises(TrackingError, match=r"^targets\.plain_share = 2: give a share from 0 to 1$"):
+        NormalSearch(plain_share=2.0)
     for kind in (DistanceMap, NormalSearch, RegionLines):
         for precision in (0.0, -1.0, float("inf"), float("nan")):
             with pytest.raises(TrackingError, match=r"^targets\.precision = .*: give a number above 0$"):

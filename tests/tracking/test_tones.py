@@ -103,7 +103,7 @@ def test_a_blank_frame_says_nothing_and_neither_does_the_one_after() -> None:
 def test_a_new_track_begins_anew_and_sizes_may_differ() -> None:
     tones = Tones(ToneMatching())
     tones.steady(frame(scene()))
-    smaller = frame(dimmed(scene(), 0.4)[:60, :80])
+    smaller = Frame(0, dimmed(scene(), 0.4)[:60, :80], CAMERA.cropped(0, 0, 80, 60))
     assert tones.steady(smaller) is smaller
     tones.steady(frame(scene()))
     tones.forget()

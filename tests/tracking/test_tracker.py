@@ -283,6 +283,21 @@ def test_a_start_where_nothing_is_seen_says_so(model: PreparedPart, sequence: Ma
     assert "tracking -> lost" in result.note
 
 
+@pytest.mark.parametrize("method", ["acp", "acp-edges", "region", "region-points", "slet"])
+def test_a_read_only_image_is_as_good_as_any(method: str, model: PreparedPart, sequence: MadeSequence) -> None:
+    """Such as the view of a camera's buffer, or a broadcast array."""
+    poses: list[list[FloatArray]] = []
+    for writable in (True, False):
+        tracker, found = Tracker(model, method), []
+        for number, frame in enumerate(sequence.frames(4)):
+            assert isinstance(frame, Frame)
+            frame = replace(frame, image=frame.image.copy())
+            frame.image.setflags(write=writable)
+            found.append((tracker.track(frame) if number else tracker.start(frame, sequence.first_pose)).cam_T_obj)
+        poses.append(found)
+    np.testing.assert_array_equal(*poses)
+
+
 def test_an_unreadable_frame_without_a_camera(model: PreparedPart, sequence: MadeSequence) -> None:
     tracker = Tracker(model)
     tracker.start(next(iter(sequence.frames())), sequence.first_pose)  # type: ignore[arg-type]

@@ -2,12 +2,16 @@
 
 JPEG encoding takes longer than anything else in a replay, and OpenCV does it without holding up Python, so a
 second thread does it. An image that came from a JPEG file of reasonable size is handed on as it is.
+
+Ctrl-C may come at any line, also inside `queue.Queue` and `threading.Event`, which are Python: a lock that stays taken
+there, or somebody who is not woken, is waited for for ever. `queue.SimpleQueue` is C, where no key gets in.
 """
 
 from __future__ import annotations
 
 import queue
 import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +31,8 @@ MOST_BYTES_PER_PIXEL = 0.18
 """100 images of 640 x 512 px then stay below 6 MB, but for the noisiest."""
 MOST_WAITING = 8
 """Images; a tracker that is faster than the encoder waits for it, rather than fill the memory."""
+WAIT_S = 0.001
+"""Between two looks whether there is room again."""
 MOST_BYTES_TOGETHER = 4_000_000
 """Of encoded images that are sent together; see `columns.frames_together`."""
 
@@ -50,7 +56,7 @@ class ImageWriter:
         self.sent_bytes = 0
         self._encoded_bytes = self._encoded = self._taken = 0
         self._recording = recording
-        self._jobs: queue.Queue[_Job | threading.Event | None] = queue.Queue(MOST_WAITING)
+        self._jobs = queue.SimpleQueue[_Job | queue.SimpleQueue[None] | None]()
         self._gathered: dict[tuple[str, float | None], list[tuple[Moment, bytes]]] = {}
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._work, name="replay images", daemon=True)
@@ -62,6 +68,8 @@ class ImageWriter:
         """Log an image at a moment, soon. source: the file that it was decoded from, where there is one."""
         if self._failure is None:
             self._taken += 1
+            while self._jobs.qsize() >= MOST_WAITING:
+                time.sleep(WAIT_S)
             self._jobs.put(_Job(moment, entity, image, source, opacity))
 
     @property
@@ -71,24 +79,25 @@ class ImageWriter:
 
     def flush(self) -> None:
         """Hand everything to the recording."""
-        done = threading.Event()
+        done = queue.SimpleQueue[None]()
         self._jobs.put(done)
-        done.wait()
+        done.get()
 
     def close(self) -> None:
         """Wait until everything is logged; raises what went wrong in the thread."""
-        if self._thread.is_alive():
-            self.flush()
-            self._jobs.put(None)
-            self._thread.join()
+        self._jobs.put(None)
+        self._thread.join()
         if self._failure is not None:
             raise self._failure
 
     def _work(self) -> None:
-        while (job := self._jobs.get()) is not None:
+        is_open = True
+        while is_open:
+            job = self._jobs.get()
+            is_open = job is not None
             try:
                 if self._failure is not None:
-                    continue  # keep taking jobs, so that nobody waits for room in the queue
+                    continue  # keep taking jobs, so that nobody waits for room
                 if isinstance(job, _Job):
                     self._gather(job)
                 else:
@@ -96,8 +105,8 @@ class ImageWriter:
             except Exception as error:
                 self._failure = error
             finally:
-                if isinstance(job, threading.Event):
-                    job.set()
+                if isinstance(job, queue.SimpleQueue):
+                    job.put(None)
 
     def _gather(self, job: _Job) -> None:
         jpeg = _small_jpeg(job.source, job.image) or encode_jpeg(job.image)

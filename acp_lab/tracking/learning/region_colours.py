@@ -12,7 +12,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import ByteImage, Float32Array, IntArray, Uint16Array
+from acp_lab.geometry.arrays import ByteImage, Float32Array, IntArray, Uint16Array, writable
 
 _BINS = 32
 # Shares that say nothing any more; left to fade they would become numbers that processors are slow with.
@@ -38,8 +38,8 @@ class ColourConfig:
     def __post_init__(self) -> None:
         checks = (
             ("rate", 0.0 < self.rate <= 1.0, "a number above 0, at most 1"),
-            ("reach_px", self.reach_px >= 2, "2 or more"),
-            ("least_share", self.least_share > 0.0, "a number above 0"),
+            ("reach_px", 2 <= self.reach_px <= 1000, "px from 2 to 1000"),
+            ("least_share", 0.0 < self.least_share <= 1.0, "a number above 0, at most 1"),
             ("certainty", 0.5 < self.certainty < 1.0, "a probability between 0.5 and 1"),
         )
         for name, good, wanted in checks:
@@ -67,7 +67,7 @@ class RegionColours:
     @staticmethod
     def bins(image: ByteImage) -> Uint16Array:
         """(h, w) uint16 bin of every pixel of an image (h, w, 3) uint8 RGB."""
-        return _bins(image)
+        return _bins(writable(image))
 
     def learn(self, inside: IntArray | Uint16Array, outside: IntArray | Uint16Array) -> None:
         """Take in the bins (n,) of pixels of the part and (m,) of its background; nothing where either is empty."""

@@ -65,8 +65,8 @@ class ContourRegions:
         for name in ("local_rate", "free_segments"):
             if not 0.0 < getattr(self, name) <= 100.0:
                 raise TrackingError(f"targets.{name} = {getattr(self, name):g}: give a number above 0, at most 100")
-        if self.reach_px < _RAY_STEP_PX:
-            raise TrackingError(f"targets.reach_px = {self.reach_px:g}: give {_RAY_STEP_PX:g} or more")
+        if not _RAY_STEP_PX <= self.reach_px <= 1000.0:
+            raise TrackingError(f"targets.reach_px = {self.reach_px:g}: give px from {_RAY_STEP_PX:g} to 1000")
 
     def memory(self, model: PreparedPart) -> ContourMemory:
         """Nothing known yet."""

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from acp_lab.compiled import kernel
-from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, Uint16Array
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, Uint16Array, writable
 from acp_lab.tracking.learning.region_colours import RegionColours
 
 # Places at which the step is tried, in segments about the line's middle, and the segments that each looks at.
@@ -39,7 +39,7 @@ class ColourCrop:
         height, width = image.shape[:2]
         x0, y0, x1, y1 = box
         self.origin = x, y = min(max(x0, 0), width - 2), min(max(y0, 0), height - 2)
-        self.pixels = image[y : max(y1, y + 2), x : max(x1, x + 2)]
+        self.pixels = writable(image[y : max(y1, y + 2), x : max(x1, x + 2)])
         self.colours = colours
 
     @cached_property

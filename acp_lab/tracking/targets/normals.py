@@ -64,6 +64,8 @@ class NormalSearch:
             raise TrackingError(f"targets.outlier = {self.outlier:g}: give a mass above 0")
         if not 0.0 <= self.min_score < 1.0:
             raise TrackingError(f"targets.min_score = {self.min_score:g}: give a score from 0 to 1")
+        if not 0.0 <= self.plain_share <= 1.0:
+            raise TrackingError(f"targets.plain_share = {self.plain_share:g}: give a share from 0 to 1")
 
     def memory(self, model: PreparedPart) -> NormalSearch:
         """What is kept from frame to frame is the method's `SampleKnowledge`."""

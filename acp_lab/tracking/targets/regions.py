@@ -74,10 +74,23 @@ class RegionLines:
 
     def __post_init__(self) -> None:
         check_precision(self.precision)
-        if not 0.0 <= self.same_view_deg <= 30.0:
-            raise TrackingError(f"targets.same_view_deg = {self.same_view_deg:g}: give degrees from 0 to 30")
-        if not self.margin[0] < self.margin[1]:
-            raise TrackingError(f"targets.margin = {self.margin}: give two rising numbers")
+        checks = (
+            ("lines", self.lines >= 6, "6 or more"),
+            ("reach_px", _RAY_STEP_PX <= self.reach_px <= 1000.0, f"px from {_RAY_STEP_PX:g} to 1000"),
+            ("fine_share", 0.0 <= self.fine_share <= 100.0, "0 to 100"),
+            ("fine_sigma_px", 0.0 <= self.fine_sigma_px <= 1000.0, "px from 0 to 1000"),
+            ("scatter_px", 0.0 < self.scatter_px <= 1000.0, "px above 0, at most 1000"),
+            ("unknown_px", 0.0 <= self.unknown_px <= 1000.0, "px from 0 to 1000"),
+            ("calibration_rate", 0.0 <= self.calibration_rate <= 1.0, "a share from 0 to 1"),
+            ("smooth_share", 0.0 <= self.smooth_share <= 1000.0, "0 to 1000"),
+            ("fade_px", 0.0 <= self.fade_px <= 1000.0, "segments from 0 to 1000"),
+            ("same_view_deg", 0.0 <= self.same_view_deg <= 30.0, "degrees from 0 to 30"),
+        )
+        for name, good, wanted in checks:
+            if not good:
+                raise TrackingError(f"targets.{name} = {getattr(self, name):g}: give {wanted}")
+        if not -1.0 <= self.margin[0] < self.margin[1] <= 1.0:
+            raise TrackingError(f"targets.margin = {self.margin}: give two rising numbers from -1 to 1")
 
     def memory(self, model: PreparedPart) -> RegionMemory:
         """Nothing known yet."""

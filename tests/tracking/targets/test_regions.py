@@ -453,10 +453,31 @@ def test_precision_at_fine_levels_is_a_share() -> None:
     assert config.precision_at(Level(9, 2.0)) == config.precision_at(Level(5, 1.0)) == 0.5
 
 
-@pytest.mark.parametrize("margin", [(0.3, 0.3), (0.4, 0.2), (float("nan"), 0.3)])
+@pytest.mark.parametrize("margin", [(0.3, 0.3), (0.4, 0.2), (float("nan"), 0.3), (-2.0, 0.3)])
 def test_a_margin_that_opens_nothing_is_refused(margin: tuple[float, float]) -> None:
-    with pytest.raises(TrackingError, match=r"^targets\.margin = .*: give two rising numbers$"):
+    with pytest.raises(TrackingError, match=r"^targets\.margin = .*: give two rising numbers from -1 to 1$"):
         RegionLines(margin=margin)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lines", 5),
+        ("reach_px", -1.0),
+        ("fine_share", -0.1),
+        ("fine_sigma_px", 1e9),
+        ("scatter_px", 0.0),
+        ("unknown_px", -1.0),
+        ("calibration_rate", 1.5),
+        ("smooth_share", -1.0),
+        ("fade_px", -1.0),
+        ("same_view_deg", 99.0),
+    ],
+)
+def test_settings_that_make_no_sense(name: str, value: float) -> None:
+    for refused in (value, float("nan")):
+        with pytest.raises(TrackingError, match=rf"^targets\.{name} = .*: give "):
+            RegionLines(**{name: refused})  # type: ignore[arg-type]
 
 
 # ---- how far lines are free, from frame to frame -------------------------------------------------------------
