@@ -13,6 +13,7 @@ from acp_lab.bench.basins import FRAME, Basin
 from acp_lab.bench.protocol import Variant
 from acp_lab.bench.record import Run
 from acp_lab.bench.tables import ALL, Row
+from acp_lab.display.look import as_it_is
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +68,7 @@ def draw_recall_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None 
         if own:
             errors = 100.0 * np.concatenate(own)
             shares = [(errors < limit).mean() for limit in limits]
-            axes.plot(limits, shares, label=method, color=_colour(number))
+            axes.plot(limits, shares, label=as_it_is(method), color=_colour(number))
     axes.set(xlabel="limit of ADD(-S), % of the diameter", ylabel="share of frames", ylim=(-0.02, 1.02))
     axes.set_title(f"accuracy, {variant or 'from truth'}")
     axes.grid(alpha=0.3)
@@ -78,7 +79,8 @@ def draw_times(axes: Axes, rows: Sequence[Row]) -> None:
     for number, row in enumerate(_overall(rows)):
         if np.isfinite(row.ms_median):
             axes.plot(row.ms_median, row.recalls[1].mean, "o", color=_colour(number))
-            axes.annotate(row.method, (row.ms_median, row.recalls[1].mean), xytext=(5, 5), textcoords="offset points")
+            place = row.ms_median, row.recalls[1].mean
+            axes.annotate(as_it_is(row.method), place, xytext=(5, 5), textcoords="offset points")
     axes.set(xlabel="ms per frame, median", ylabel="@5%", ylim=(-0.02, 1.08), xlim=(0.0, None))
     axes.margins(x=0.2)
     axes.set_title("accuracy and time")
@@ -91,7 +93,7 @@ def draw_preparing(axes: Axes, rows: Sequence[Row]) -> None:
     if not known:
         _say(axes, "preparation: not counted for these parts")
         return
-    names, seconds = [row.method for _, row in known], [row.prepare_s for _, row in known]
+    names, seconds = [as_it_is(row.method) for _, row in known], [row.prepare_s for _, row in known]
     axes.barh(names, seconds, color=[_colour(n) for n, _ in known])
     axes.invert_yaxis()
     axes.set(xlabel="CPU seconds per part")
