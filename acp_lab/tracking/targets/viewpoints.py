@@ -65,6 +65,7 @@ class SparseViews:
         rays_obj = (first[:, None] + way[:, None] * added[:, None]).reshape(-1, 3)
         eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
         hit = self._caster.occluded(eye, rays_obj, 1e9).reshape(len(points), 2, len(self._way_px))
-        # As far as the part reaches without a gap inwards, and the background outwards.
+        # As far as the part reaches without a gap inwards, and the background outwards: half a step beyond the last
+        # ray, as it ends between that one and the next. On the ray, rounding would decide who is long enough.
         steps = np.stack([np.cumprod(hit[:, 0], axis=1).sum(1), np.cumprod(~hit[:, 1], axis=1).sum(1)])
-        return np.asarray(self._way_px[0] * steps, np.float64)
+        return np.asarray(self._way_px[0] * np.where(steps > 0, steps + 0.5, 0.0), np.float64)
