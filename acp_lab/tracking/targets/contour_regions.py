@@ -192,12 +192,13 @@ class ContourMeasure:
     """The posterior of each line of one level, and how far along it the outline has moved since.
 
     directions: (n, 2) unit, across the outline at the level's n edge points; those that are no lines have weight 0.
+    start: (n, 2) px, where these were.
     """
 
     def __init__(self, target: ContourTarget, edges: GeneratedEdges, at: Estimate, level: Level) -> None:
         config = target.memory.config
         self.target, self.directions = target, edges.normals.copy()
-        self._start, self._rate = np.ascontiguousarray(edges.points), config.local_rate
+        self.start, self._rate = np.ascontiguousarray(edges.points), config.local_rate
         self.scale = max(1, round(2.0 * level.reach_px / SEGMENTS))
         lines = target.lines(edges, at)
         usable = lines.free.min(0) >= config.free_segments * self.scale
@@ -217,11 +218,14 @@ class ContourMeasure:
     def __call__(self, edges: GeneratedEdges) -> ContourMeasurement:
         """Residuals of the lines where their points are now: of the Gaussian at first, then of the slope."""
         residuals, weights = np.zeros(len(edges)), np.zeros(len(edges))
-        loss = _newton_steps(
-            self._found, self._variance, self._certainty, float(self.scale), self._rate, self._rows,
-            np.ascontiguousarray(edges.points), self._start, self.directions, residuals, weights,
-        )  # fmt: skip
+        points = np.ascontiguousarray(edges.points)
+        loss = newton_steps(*self.posteriors, points, self.start, self.directions, residuals, weights)
         return ContourMeasurement(residuals, self.directions, weights, loss)
+
+    @property
+    def posteriors(self) -> tuple[FloatArray, FloatArray, FloatArray, float, float, IntArray]:
+        """Of the m lines, for `newton_steps`: found, variance, certainty, scale, rate, rows."""
+        return self._found, self._variance, self._certainty, float(self.scale), self._rate, self._rows
 
     def reported_loss(self, edges: GeneratedEdges) -> float:
         """Half the squared distance to the posteriors' means, weighted, the mean over the lines, px^2."""
@@ -235,7 +239,7 @@ class ContourMeasure:
 @kernel(
     "f8(f8[:, ::1], f8[::1], f8[::1], f8, f8, i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1])"
 )
-def _newton_steps(
+def newton_steps(
     found: FloatArray, variance: FloatArray, certainty: FloatArray, scale: float, rate: float, rows: IntArray,
     points: FloatArray, start: FloatArray, directions: FloatArray, residuals: FloatArray, weights: FloatArray,
 ) -> float:  # fmt: skip
