@@ -57,6 +57,8 @@ def test_top_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> Non
         (("bench", "--steps", "x"), "--steps x"),
         (("bench", "--seeds", "0"), "--seeds 0"),
         (("bench", "--jobs", "0"), "--jobs 0"),
+        (("bench", "--jobs", "257"), "--jobs 257: give 1 to 256"),
+        (("bench", "--scheduler", ""), "--scheduler '': is no address"),
         (("bench", "--methods", "magic"), "--methods magic"),
         (("bench", "--methods", ""), "--results-from"),
         (("bench", "nowhere"), "nowhere"),

@@ -3,6 +3,7 @@
     protocol    what a run is: a data set's object, a method, a start, a frame step, resets
     runner      one run, frame by frame
     record      what is kept of it, one file per run
+    touched     what tells that data was changed since
     workers     many calls of a function, over processes or a cluster
     spread      many runs, kept and new
     outside     results files of other trackers as runs

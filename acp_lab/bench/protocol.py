@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import acp_lab
+from acp_lab.bench.touched import model_look, scene_look
 from acp_lab.errors import ParameterError
 from acp_lab.prepared_part import part_folder
 from acp_lab.sample import sample_dataset
@@ -24,6 +25,7 @@ from acp_lab.tracking.method import Method
 from acp_lab.tracking.method_file import method_from_toml, to_toml
 
 LARGEST_STEP = 100
+_READABLE = 120
 _SOURCES = (
     "bench/runner.py", "bench/rapid", "cad", "compiled.py", "control_points", "detection", "evaluation", "generator",
     "geometry", "imaging", "input_file.py", "prepared_part", "sequences", "tracking",
@@ -104,7 +106,10 @@ class Task:
         noise = f"-{how.noise_deg:g}deg{how.noise_mm:g}mm-seed{how.seed}" if how.start != "truth" else ""
         resets = "-resets" if how.resets else ""
         words = [str(self.sequence).replace("/", "-"), self.method_name, f"step{how.step}{noise}{resets}"]
-        return re.sub(r"[^\w.-]", "_", "--".join(words)) + ".json"
+        readable = re.sub(r"[^\w.-]", "_", "--".join(words))[:_READABLE]
+        # "a b" and "a_b", or part 2 of "a-1" and instance 2 of part 1 of "a", read the same.
+        exact = hashlib.sha256(repr((self.sequence, self.method_name, how)).encode(errors="surrogateescape"))
+        return f"{readable}--{exact.hexdigest()[:8]}.json"
 
     def settings(self) -> Method:
         """The method, for a task that has settings; InputFileError where they are none."""
@@ -112,9 +117,20 @@ class Task:
 
     @property
     def state(self) -> str:
-        """Changes with the method's settings, the place of the data, the prepared part and the sources of runs."""
+        """Changes with the method's settings, the data and its place, the prepared part and the sources of runs."""
         part = self.part_header if self.method else ""
-        return digest(self.method, str(Path(self.dataset).resolve()), self.split, part)
+        looks = self.scene_look, self.model_look
+        return digest(self.method, str(Path(self.dataset).resolve()), self.split, part, *looks)
+
+    @property
+    def scene_look(self) -> str:
+        """Changes with the files of the scene, see `touched`; InputFileError or SequenceError where there are none."""
+        return scene_look(BopDataset(self.dataset), self.scene_id, self.split)
+
+    @property
+    def model_look(self) -> str:
+        """Changes with the files of the object's model, see `touched`; SequenceError where there is none."""
+        return model_look(BopDataset(self.dataset), self.object_id)
 
     @property
     def part_header(self) -> str:

@@ -138,8 +138,9 @@ def run(task: Task) -> Run:
     Raises AcpLabError for data or parts that are missing.
     """
     cv2.setNumThreads(1)
-    opened = _opened(task.dataset, task.split, task.scene_id, task.object_id, task.instance)
-    part, metric = _measured(task.dataset, task.object_id)
+    state = task.state  # of what is read now, whatever happens to the files meanwhile
+    opened = _opened_of(task)
+    part, metric = _measured(task.dataset, task.object_id, task.model_look)
     tracker = tracker_of(task)
     frame_ids = opened.scene.frame_ids[:: task.variant.step]
     steps, note = list[Step](), ""
@@ -150,14 +151,14 @@ def run(task: Task) -> Run:
             steps.append(step)
     except (TrackingError, GeometryError, PreparationError) as error:
         note = str(error)
-    return _as_run(task, opened, part, metric, frame_ids, steps, note)
+    return _as_run(task, state, opened, part, metric, frame_ids, steps, note)
 
 
 def tracker_of(task: Task) -> PartTracker:
     """The tracker of a task; PreparationError where its part, or cv2.rapid, is not prepared."""
     if not task.method:
-        return RapidTracker(_measured(task.dataset, task.object_id)[0], task.method_name)
-    return Tracker(_prepared(task.dataset, task.parts, task.object_id, task.part_header), task.settings())
+        return RapidTracker(_measured(task.dataset, task.object_id, task.model_look)[0], task.method_name)
+    return Tracker(_prepared_of(task), task.settings())
 
 
 def start_pose(task: Task, scene: BopScene, part: Part) -> FloatArray:
@@ -173,7 +174,7 @@ def _prepare_s(task: Task) -> float:
     """CPU seconds of preparing what the task's method needs of its part; NaN where they are not known."""
     if not task.method:
         return 0.0
-    spent = _prepared(task.dataset, task.parts, task.object_id, task.part_header).cpu_s
+    spent = _prepared_of(task).cpu_s
     return sum(spent.get(stage, math.nan) for stage in stages_of(task.settings()))
 
 
@@ -186,8 +187,8 @@ def stages_of(method: Method) -> tuple[str, ...]:
 
 def watch(task: Task, observers: Iterable[Observer]) -> None:
     """Do a task without resets once more, for those who look on, such as a replay."""
-    opened = _opened(task.dataset, task.split, task.scene_id, task.object_id, task.instance)
-    start = start_pose(task, opened.scene, _measured(task.dataset, task.object_id)[0])
+    opened = _opened_of(task)
+    start = start_pose(task, opened.scene, _measured(task.dataset, task.object_id, task.model_look)[0])
     scene, trackers = _EveryFew(opened.scene, task.variant.step), {task.object_id: tracker_of(task)}
     follow_sequence(trackers, scene, {task.object_id: start}, observers)
 
@@ -238,9 +239,13 @@ class _EveryFew:
         return (self._scene.frame(frame_id) for frame_id in self.frame_ids[:max_frames])
 
 
+def _opened_of(task: Task) -> _Opened:
+    return _opened(task.dataset, task.split, task.scene_id, task.object_id, task.instance, task.scene_look)
+
+
 @lru_cache(maxsize=1)
-def _opened(dataset: str, split: str, scene_id: int, object_id: int, instance: int) -> _Opened:
-    """The scene of all runs that follow each other on a sequence."""
+def _opened(dataset: str, split: str, scene_id: int, object_id: int, instance: int, look: str) -> _Opened:
+    """The scene of all runs that follow each other on a sequence. look: of its files; others are another scene."""
     folder = BopDataset(dataset).scene_folder(scene_id, split)
     truths = instance_truths(folder / "scene_gt.json").get(object_id, ())
     if instance >= len(truths):
@@ -249,15 +254,20 @@ def _opened(dataset: str, split: str, scene_id: int, object_id: int, instance: i
     return _Opened(scene, object_id, kind_of(folder))
 
 
+def _prepared_of(task: Task) -> PreparedPart:
+    return _prepared(task.dataset, task.parts, task.object_id, task.part_header, task.model_look)
+
+
 @lru_cache(maxsize=1)
-def _prepared(dataset: str, parts: str, object_id: int, header: str) -> PreparedPart:
-    """header: of the part; another one is another part, in processes that live long, too."""
+def _prepared(dataset: str, parts: str, object_id: int, header: str, look: str) -> PreparedPart:
+    """header: of the part, look: of its model's files; others are another part, in processes that live long, too."""
     mesh = BopDataset(dataset).part_path(object_id)
     return PreparedPart.load(part_folder(Path(parts), mesh.stem), mesh)
 
 
 @lru_cache(maxsize=1)
-def _measured(dataset: str, object_id: int) -> tuple[Part, PartMetric]:
+def _measured(dataset: str, object_id: int, look: str) -> tuple[Part, PartMetric]:
+    """look: of the model's files; others are another part."""
     part = BopDataset(dataset).part(object_id)
     return part, PartMetric(part)
 
@@ -267,7 +277,7 @@ def check(task: Task) -> None:
     if not task.method:
         environment.python()
         return
-    model = _prepared(task.dataset, task.parts, task.object_id, task.part_header)
+    model = _prepared_of(task)
     try:
         task.settings().open_source(model)
     except AcpLabError as error:
@@ -275,8 +285,8 @@ def check(task: Task) -> None:
 
 
 def _as_run(
-    task: Task, opened: _Opened, part: Part, metric: PartMetric, frame_ids: tuple[int, ...], steps: list[Step],
-    note: str,
+    task: Task, state: str, opened: _Opened, part: Part, metric: PartMetric, frame_ids: tuple[int, ...],
+    steps: list[Step], note: str,
 ) -> Run:  # fmt: skip
     by_id = {step.frame_id: step for step in steps}
     scored = [frame_id for frame_id in frame_ids[1:] if opened.truth(frame_id) is not None]
@@ -295,6 +305,6 @@ def _as_run(
     resets = tuple(step.frame_id for step in steps if step.reset)
     size, memory_mb = (camera.width, camera.height), peak_memory_mb() or math.nan
     return Run(
-        task.method_name, task.state, task.sequence, task.variant, opened.kind, metric.name, tuple(scored), errors[0],
+        task.method_name, state, task.sequence, task.variant, opened.kind, metric.name, tuple(scored), errors[0],
         errors[1], errors[2], ms, scores, poses, resets, size, 1, memory_mb, _prepare_s(task), cpu_model(), note,
     )  # fmt: skip

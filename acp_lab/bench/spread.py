@@ -1,7 +1,8 @@
 """All runs of a bench: those that are kept, and new ones through `workers`.
 
 What is kept is kept: each run is written as soon as it is there, by the process that asked, and taken up again as long
-as neither its method, its prepared part nor the sources changed. A bench that is killed costs the runs in hand.
+as neither its method, its data, its prepared part nor the sources changed. A bench that is killed costs the runs in
+hand.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def _new_runs(tasks: list[Task], workers: int, scheduler: str | None) -> Iterato
         run = Run.from_json(answer, name)
         if run.state != by_name[name].state:
             raise AcpLabError(
-                f"{name}: done with other sources, or another prepared part, than those here: restart the workers with "
-                "this version and these files"
+                f"{name}: done with other sources, another prepared part or other data than those here (times of files "
+                "count): restart the workers with this version and these files"
             )
         yield by_name[name], run

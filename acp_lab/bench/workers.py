@@ -41,13 +41,14 @@ def each(
         ParameterError: a number of workers that makes no sense, or no scheduler answers at that address.
         AcpLabError: every worker that took a call died, or the scheduler went away.
     """
-    check_workers(workers)
+    check_workers(workers, scheduler)
     if scheduler is None and min(workers, len(asked)) <= 1:
         for name, text in asked.items():  # nobody to be spoken to: no process, no port
             yield name, work(text)
         return
     with ExitStack() as at_the_end:
-        client = at_the_end.enter_context(_cluster(scheduler) if scheduler else _this_machine(workers, len(asked)))
+        cluster = _this_machine(workers, len(asked)) if scheduler is None else _cluster(scheduler)
+        client = at_the_end.enter_context(cluster)
         from distributed import as_completed
 
         waiting = iter(asked.items())
@@ -71,10 +72,12 @@ def each(
                 queue.add(further)
 
 
-def check_workers(workers: int) -> None:
-    """ParameterError for a number of processes that makes no sense."""
+def check_workers(workers: int, scheduler: str | None = None) -> None:
+    """ParameterError for a number of processes that makes no sense, or an address of a scheduler that is empty."""
     if not 1 <= workers <= MOST_WORKERS:
         raise ParameterError(f"--jobs {workers}: give 1 to {MOST_WORKERS}")
+    if scheduler is not None and not scheduler.strip():
+        raise ParameterError("--scheduler '': is no address: give one such as tcp://HOST:8786, or leave it out")
 
 
 def _answer(future: Any, name: str) -> str:
@@ -135,4 +138,5 @@ def _cluster(address: str) -> Iterator[Client]:
 
 def _quiet() -> None:
     """Errors come to us as errors; what dask logs beside them would stand between our lines."""
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):  # dask gives the client's a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -56,7 +56,7 @@ class BenchOptions:
 
         if not 1 <= self.seeds <= MOST_SEEDS:
             raise ParameterError(f"--seeds {self.seeds}: give 1 to {MOST_SEEDS}")
-        check_workers(self.jobs)
+        check_workers(self.jobs, self.scheduler)
         if self.out.exists() and not self.out.is_dir():
             raise InputFileError(f"{self.out}: is a file: --out needs a folder")
 
@@ -107,9 +107,7 @@ def run_bench(options: BenchOptions) -> None:
     outside = [run for path in options.results_from for run in outside_runs(path, roots, options.split)]
     if not methods and not outside:
         raise ParameterError("nothing to compare: give --methods, or --results-from")
-    taken = {_name(method) for method in methods} & {run.method for run in outside}
-    if taken:
-        raise ParameterError(f"--results-from: {taken.pop()} is one of --methods: rename the file")
+    _check_names(methods, outside)
     sequences = {name: _sequences(root, options.split) for name, root in roots.items()}
     parts = options.parts or options.out / "parts"
     with only_writer(options.out / "bench.csv", "this bench"):
@@ -133,6 +131,20 @@ def _sequences(root: Path, split: str) -> list[SequenceKey]:
     if not found:
         raise InputFileError(f"{root / split}: no first frame has truth: nothing to start from")
     return found
+
+
+def _check_names(methods: Sequence[Method | str], outside: list[Run]) -> None:
+    """ParameterError where the rows of two trackers would be taken for one's."""
+    taken = {_name(method) for method in methods} & {run.method for run in outside}
+    if taken:
+        raise ParameterError(f"--results-from: {taken.pop()} is one of --methods: rename the file")
+    told: set[tuple[str, SequenceKey]] = set()
+    for run in outside:
+        if (run.method, run.sequence) in told:
+            raise ParameterError(
+                f"--results-from: {run.method} on {run.sequence} stands in two files: rename one, or leave it out"
+            )
+        told.add((run.method, run.sequence))
 
 
 def _install_peers() -> None:

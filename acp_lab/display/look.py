@@ -39,6 +39,11 @@ def css_colour(meaning: str) -> str:
     return "#" + "".join(f"{value:02x}" for value in to_bytes(_CSS[meaning]).tolist())
 
 
+def as_it_is(name: str) -> str:
+    """A name that somebody chose, of a file, say, for matplotlib: between two dollar signs it would see a formula."""
+    return name.replace("$", r"\$")
+
+
 def use_look() -> None:
     """Set matplotlib's defaults for a notebook."""
     import matplotlib as mpl

@@ -79,6 +79,9 @@ class BopDataset:
 
     def scene_folder(self, scene_id: int, split: str = "test") -> Path:
         """The folder of a scene; SequenceError naming the scenes when there is no such scene."""
+        plain = self.root / split / f"{scene_id:06d}"
+        if plain.is_dir():  # BOP's own name wins, and among thousands of scenes nobody else need be looked at
+            return plain
         folders = self._scene_folders(split)
         if scene_id not in folders:
             raise SequenceError(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.tracking.contour_descent import ContourLevel, contour_level
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.motions import RigidMotion
 from acp_lab.tracking.pose_descent_kernel import add_up_pose, descend
@@ -82,7 +83,7 @@ class PoseLevel:
         )  # fmt: skip
 
 
-def pose_level(problem: Problem, start: Estimate, solver: Solver) -> PoseLevel | None:
+def pose_level(problem: Problem, start: Estimate, solver: Solver) -> PoseLevel | ContourLevel | None:
     """The level as arrays; None where it is of another form, which `solvers.minimise` takes."""
     motion = problem.motion
     if not (isinstance(solver, GaussNewton) and isinstance(motion, RigidMotion) and motion.keeps_rows):
@@ -90,7 +91,7 @@ def pose_level(problem: Problem, start: Estimate, solver: Solver) -> PoseLevel |
     first, *others = problem.measures
     edges = first.measure
     if not isinstance(edges, NormalMeasure):
-        return None
+        return contour_level(problem, solver)
     pulls, strengths = np.zeros(len(edges.points)), np.zeros(len(edges.points))
     for other in others:
         lines = other.measure

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +22,19 @@ from acp_lab.sequences.bop import BopDataset
 from acp_lab.sequences.scene_truth import SceneTruth, instance_truths
 from acp_lab.tracking.method import ACP, METHODS
 from tests.bench.made_runs import made_run
+from tests.commands.conftest import write_dataset
 
 KEY = SequenceKey("sample", 1, 1)
 
 
 def sample_task(variant: Variant | None = None) -> Task:
     return task_of(sample_dataset(), "test", Path("parts"), KEY, ACP, variant or Variant())
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> Path:
+    """Drawn boxes that a test may change."""
+    return write_dataset(tmp_path / "data")
 
 
 def test_a_task_survives_the_way_to_another_process() -> None:
@@ -108,3 +118,56 @@ def test_rows_of_a_run_leave_out_frames_without_a_pose() -> None:
     run.poses[1] = math.nan
     assert [row.im_id for row in run.rows] == [1, 3]
     np.testing.assert_allclose(run.rows[0].cam_T_obj, make_pose(np.eye(3), np.array([0.0, 0.0, 500.0])))
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"dataset": "/data/a", "instance": 2}, {"dataset": "/data/a-1", "object_id": 2}),
+        ({"dataset": "/data/a b"}, {"dataset": "/data/a_b"}),
+        ({"dataset": "/data/Set"}, {"dataset": "/data/set"}),
+        ({"method_name": "a$b"}, {"method_name": "a_b"}),
+        ({"method_name": "a--step2"}, {"method_name": "a", "variant": Variant(2)}),
+        ({"variant": Variant(noise_mm=1.0)}, {"variant": Variant(noise_mm=1.0000001)}),
+        ({"dataset": f"/data/{'x' * 200}"}, {"dataset": f"/data/{'x' * 201}"}),
+    ],
+)
+def test_what_reads_the_same_has_another_file(one: dict[str, Any], other: dict[str, Any]) -> None:
+    names = {replace(sample_task(), **values).file_name.lower() for values in (one, other)}
+    assert len(names) == 2
+    assert all(len(name) < 200 for name in names)
+
+
+TOUCHED = (
+    "test/000001/rgb/000003.png", "test/000001/scene_camera.json", "test/000001/scene_gt.json",
+    "models/obj_000001.ply", "models/models_info.json",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TOUCHED)
+@pytest.mark.parametrize("method", ["acp-edges", "GOS"])
+def test_data_that_somebody_touched_is_another_state(dataset: Path, name: str, method: str) -> None:
+    chosen = METHODS.get(method, method)
+    task = task_of(dataset, "test", dataset / "parts", SequenceKey("data", 1, 1), chosen, Variant())
+    path, before = dataset / name, task.state
+    assert task.state == before
+    told = path.stat()
+    path.write_bytes(path.read_bytes())
+    os.utime(path, ns=(told.st_atime_ns, told.st_mtime_ns + 1000))  # the same size, a moment later
+    touched = task.state
+    path.write_bytes(path.read_bytes() + b"\n")
+    os.utime(path, ns=(told.st_atime_ns, told.st_mtime_ns))  # the same moment, another size
+    assert len({before, touched, task.state}) == 3
+
+
+def test_an_image_more_or_less_is_another_state_and_another_scene_is_not(dataset: Path) -> None:
+    task = task_of(dataset, "test", dataset / "parts", SequenceKey("data", 1, 1), ACP, Variant())
+    states = [task.state]
+    shutil.copytree(dataset / "test" / "000001", dataset / "test" / "000002")
+    assert task.state == states[0]
+    folder = dataset / "test" / "000001" / "rgb"
+    shutil.copy2(folder / "000003.png", folder / "000004.png")
+    states.append(task.state)
+    (folder / "000005.png").unlink()
+    states.append(task.state)
+    assert len(set(states)) == 3

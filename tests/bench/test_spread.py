@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,7 @@ from acp_lab.bench.protocol import SequenceKey, Task, Variant, task_of
 from acp_lab.bench.record import read_run
 from acp_lab.bench.runner import run
 from acp_lab.bench.spread import complete
-from acp_lab.errors import ParameterError
+from acp_lab.errors import AcpLabError, ParameterError
 from acp_lab.preparation import prepare
 from acp_lab.prepared_part import PrepareOptions
 from acp_lab.sequences.bop import BopDataset
@@ -44,8 +47,16 @@ def tasks(tmp_path_factory: pytest.TempPathFactory) -> list[Task]:
     ]
 
 
+@dataclass(frozen=True)
+class Cluster:
+    """A dask scheduler's address, and its process."""
+
+    address: str
+    process: subprocess.Popen[bytes]
+
+
 @pytest.fixture
-def scheduler() -> object:
+def cluster() -> Iterator[Cluster]:
     """A dask scheduler and two workers, as somebody would start them by hand."""
     environment = {**os.environ, "PYTHONPATH": str(PROJECT), "OMP_NUM_THREADS": "1"}
 
@@ -65,7 +76,7 @@ def scheduler() -> object:
     try:
         with Client(address, timeout=30) as client:
             client.wait_for_workers(2, timeout=60)
-        yield address
+        yield Cluster(address, processes[0])
     finally:
         for process in processes[::-1]:
             process.terminate()
@@ -80,10 +91,10 @@ def assert_same(one, other) -> None:  # type: ignore[no-untyped-def]
 
 @pytest.mark.slow
 def test_two_processes_here_or_a_cluster_give_what_one_process_gives(
-    tasks: list[Task], scheduler: str, tmp_path: Path
+    tasks: list[Task], cluster: Cluster, tmp_path: Path
 ) -> None:
     alone = [run(task) for task in tasks]
-    for where, how in (("here", {"workers": 2}), ("there", {"scheduler": scheduler})):
+    for where, how in (("here", {"workers": 2}), ("there", {"scheduler": cluster.address})):
         for one, other in zip(alone, complete(tasks, tmp_path / where, **how), strict=True):  # type: ignore[arg-type]
             assert_same(one, other)
 
@@ -107,6 +118,42 @@ def test_a_worker_that_is_killed_costs_only_what_it_had_in_hand(
     assert len(victims) == 2
     assert done == list(range(len(tasks) + 1))
     assert len(list(tmp_path.glob("*.json"))) == len(tasks)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_costs_only_what_was_in_hand(
+    tasks: list[Task], cluster: Cluster, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def progress(count: int, _: int) -> None:
+        if count == 2:
+            cluster.process.kill()
+
+    log = logging.getLogger("distributed.client")
+    log.addHandler(caplog.handler)
+    try:
+        with pytest.raises(AcpLabError, match="the scheduler went away; what is done is kept"):
+            complete(tasks, tmp_path, scheduler=cluster.address, progress=progress)
+    finally:
+        log.removeHandler(caplog.handler)
+    assert caplog.records == []  # the error is one line, and dask adds none
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.json")}
+    assert 2 <= len(kept) < len(tasks)
+    for one, other in zip(complete(tasks, tmp_path, workers=1), map(run, tasks), strict=True):
+        assert_same(one, other)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+def test_a_run_of_workers_with_other_files_is_refused_and_not_kept(
+    tasks: list[Task], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def elsewhere(work: object, asked: dict[str, str], **_: object) -> Iterator[tuple[str, str]]:
+        for name in asked:
+            yield name, made_run([0.01]).to_json()  # whose state is another than the task's
+
+    monkeypatch.setattr(workers, "each", elsewhere)
+    with pytest.raises(AcpLabError, match=rf"{tasks[0].file_name}: done with other sources.*restart the workers"):
+        complete(tasks, tmp_path, scheduler="tcp://somewhere:8786")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,10 +16,11 @@ from acp_lab.commands.bench import BenchOptions
 from acp_lab.commands.bench_parts import RICHEST_FIRST, generator_of
 from acp_lab.commands.prepare import Spread
 from acp_lab.display.replay.file import check_replay
-from acp_lab.prepared_part import PrepareOptions
+from acp_lab.prepared_part import PreparedPart, PrepareOptions
 from acp_lab.tracking.method import METHODS
 from tests.cli_runner import assert_one_error, run
 from tests.commands.conftest import FRAME_IDS, edit_json, true_pose
+from tests.prepared_part.test_model import painted
 from tests.sequences.tiny_dataset import pose_entry, write_json
 
 
@@ -76,6 +78,25 @@ def test_what_was_run_is_not_run_again(
     assert rows_of(tmp_path / "out") == before
 
 
+def test_changed_data_is_run_again(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", tmp_path / "out", "--jobs", "1")
+    assert run(capsys, *words).status == 0
+    (before,) = rows_of(tmp_path / "out")
+    # From the third frame on the boxes stand elsewhere than where they are said to be.
+    for name in ("000003.png", "000005.png", "000006.png"):
+        path = dataset / "test" / "000001" / "rgb" / name
+        cv2.imwrite(str(path), np.roll(cv2.imread(str(path)), 4, axis=1))
+    assert run(capsys, *words).status == 0
+    (images,) = rows_of(tmp_path / "out")
+    assert float(images["trans_mm_median"]) > float(before["trans_mm_median"]) + 1.0
+    edit_json(dataset / "test" / "000001" / "scene_gt.json", lambda values: values.pop("6"))
+    assert run(capsys, *words).status == 0
+    (truth,) = rows_of(tmp_path / "out")
+    assert int(truth["frames"]) < int(images["frames"])
+
+
 def test_two_instances_of_one_part_are_two_sequences(
     capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
 ) -> None:
@@ -90,8 +111,9 @@ def test_two_instances_of_one_part_are_two_sequences(
     (row,) = rows_of(tmp_path / "out")
     assert (row["sequences"], row["lost_runs"]) == ("2", "0")
     places = []
-    for name in ("data-1-1--acp-edges--step1.json", "data-1-1-1--acp-edges--step1.json"):
-        kept = json.loads((tmp_path / "out" / "runs" / name).read_text())
+    for name in ("data-1-1--acp-edges--step1--*.json", "data-1-1-1--acp-edges--step1--*.json"):
+        (path,) = (tmp_path / "out" / "runs").glob(name)
+        kept = json.loads(path.read_text())
         places.append(np.array(kept["poses"]).reshape(-1, 3, 4)[:, 0, 3])
     assert (places[0] > 20.0).all()
     assert (places[1] < -20.0).all()
@@ -106,6 +128,8 @@ def test_two_instances_of_one_part_are_two_sequences(
         (("--noise", "200,1"), "--noise 200,1"),
         (("--methods", "acp-paper,acp-paper-literal"), "paint in different frames"),
         (("--scheduler", "tcp://127.0.0.1:9"), "--scheduler tcp://127.0.0.1:9"),
+        (("--scheduler", ""), "--scheduler '': is no address"),
+        (("--scheduler", " "), "--scheduler '': is no address"),
     ],
 )
 def test_bad_usage(
@@ -136,12 +160,52 @@ def test_a_name_that_is_a_method_and_a_file(
     assert_one_error(run(capsys, *words, *again), "acp-edges", "rename the file")
 
 
+def test_two_files_of_one_tracker(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    """As "Their_tracker" and "Their tracker" are called the same; without the check they would be two seeds of one."""
+    out = tmp_path / "out"
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", out, "--jobs", "1")
+    assert run(capsys, *words).status == 0
+    files = [tmp_path / "Their_tracker__data.csv", tmp_path / "Their tracker__data.csv"]
+    for file in files:
+        shutil.copy(out / "results" / "acp-edges__data.csv", file)
+    given = [word for file in files for word in ("--results-from", file)]
+    assert_one_error(run(capsys, *words, *given), "Their tracker on data/1/1 stands in two files")
+
+
+def test_parts_whose_auto_encoder_paints_in_the_other_frame(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is prepared over what took minutes to train: the user is told what to do, in one line."""
+    for name in ("obj_000001", "obj_000004"):
+        painted(PreparedPart.load(prepared / "data" / name)).save(prepared / "data" / name)
+        assert PreparedPart.load(prepared / "data" / name).autoencoder().frame == "prediction"
+    monkeypatch.setattr("acp_lab.commands.prepare.prepare_parts", lambda *_, **__: pytest.fail("was prepared again"))
+    words = ("bench", dataset, "--methods", "acp-paper", "--parts", prepared, "--out", tmp_path / "out", "--jobs", "1")
+    assert_one_error(
+        run(capsys, *words), f"--parts {prepared / 'data'}: ", "--painting-frame pose; or give another --parts"
+    )
+    assert not (tmp_path / "out" / "bench.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("noise", "count"), [((), 1), (("0,0",), 1), (("2,2",), 4), (("2,2", "2,2"), 4), (("2,2", "0,0", "5,5"), 7)]
 )
 def test_no_start_is_run_twice(tmp_path: Path, noise: tuple[str, ...], count: int) -> None:
     variants = BenchOptions((), "acp", tmp_path / "out", noise=noise, seeds=3).variants()
     assert len(variants) == len(set(variants)) == count
+
+
+@pytest.mark.parametrize(("cores", "jobs"), [(3, 3), (256, 256), (1000, 256)])
+def test_by_default_there_are_as_many_processes_as_cores_up_to_the_most(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, cores: int, jobs: int
+) -> None:
+    asked: list[BenchOptions] = []
+    monkeypatch.setattr("acp_lab.commands.bench.run_bench", asked.append)
+    monkeypatch.setattr("acp_lab.commands.machine.cores", lambda: cores)
+    assert run(capsys, "bench").status == 0
+    assert [options.jobs for options in asked] == [jobs]
 
 
 def test_what_is_prepared_does_not_depend_on_the_order_of_methods() -> None:

@@ -122,6 +122,7 @@ def test_a_number_of_processes_that_makes_no_sense(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path
 ) -> None:
     assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--jobs", "0"), "--jobs 0: give 1 to 256")
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--scheduler", ""), "--scheduler '': is no address")
 
 
 def test_the_time_of_preparation_is_kept(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:

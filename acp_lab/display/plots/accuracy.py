@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acp_lab.display.colours import OBJECT_COLOURS
-from acp_lab.display.look import UNKNOWN
+from acp_lab.display.look import UNKNOWN, as_it_is
 from acp_lab.evaluation.metrics import LOST_SHARE, FrameErrors
 from acp_lab.evaluation.paper_tables import Table
 
@@ -25,7 +25,7 @@ def draw_errors(axes: Axes, runs: Mapping[str, FrameErrors]) -> None:
     """ADD(-S) of each frame, a curve per run, on a logarithmic scale; the limits that scores use as lines."""
     for (name, errors), colour in zip(runs.items(), OBJECT_COLOURS, strict=False):
         percent = np.minimum(100.0 * errors.distance, LARGEST_SHOWN_PERCENT)
-        axes.semilogy(errors.frame_ids, percent, color=colour, linewidth=1.5, label=name)
+        axes.semilogy(errors.frame_ids, percent, color=colour, linewidth=1.5, label=as_it_is(name))
     for limit in (2.0, 5.0, 10.0, 100.0 * LOST_SHARE):
         axes.axhline(limit, color=UNKNOWN, linestyle="--", linewidth=0.8)
     axes.set_yticks([0.5, 1, 2, 5, 10, 30, 60], ["0.5", "1", "2", "5", "10", "30: lost", "60 or more"])
@@ -41,7 +41,7 @@ def draw_recall(axes: Axes, runs: Mapping[str, FrameErrors], limit_percent: floa
     limits = np.linspace(0.0, limit_percent, 401)
     for (name, errors), colour in zip(runs.items(), OBJECT_COLOURS, strict=False):
         share = (100.0 * errors.distance[:, None] < limits).mean(0)
-        axes.plot(limits, share, color=colour, linewidth=1.5, label=f"{name}: AUC {share.mean():.2f}")
+        axes.plot(limits, share, color=colour, linewidth=1.5, label=f"{as_it_is(name)}: AUC {share.mean():.2f}")
         axes.fill_between(limits, share, color=colour, alpha=0.08, linewidth=0.0)
     for limit in (2.0, 5.0):
         axes.axvline(limit, color=UNKNOWN, linestyle="--", linewidth=0.8)

@@ -13,12 +13,14 @@ from acp_lab.bench.basins import FRAME, Basin
 from acp_lab.bench.protocol import Variant
 from acp_lab.bench.record import Run
 from acp_lab.bench.tables import ALL, Row
+from acp_lab.display.look import as_it_is
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MOST_PERCENT = 10.0
+_NEAR = 0.08  # of @5%: names of points that are nearer to each other would overlap
 _LIGHTER = (
     "#aec7e8", "#ffbb78", "#98df8a", "#ff9896", "#c5b0d5", "#c49c94", "#f7b6d2", "#c7c7c7", "#dbdb8d", "#9edae5",
 )  # fmt: skip
@@ -67,18 +69,28 @@ def draw_recall_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None 
         if own:
             errors = 100.0 * np.concatenate(own)
             shares = [(errors < limit).mean() for limit in limits]
-            axes.plot(limits, shares, label=method, color=_colour(number))
+            axes.plot(limits, shares, label=as_it_is(method), color=_colour(number))
     axes.set(xlabel="limit of ADD(-S), % of the diameter", ylabel="share of frames", ylim=(-0.02, 1.02))
     axes.set_title(f"accuracy, {variant or 'from truth'}")
     axes.grid(alpha=0.3)
 
 
 def draw_times(axes: Axes, rows: Sequence[Row]) -> None:
-    """Recall at 5% against milliseconds per frame, all data together."""
-    for number, row in enumerate(_overall(rows)):
-        if np.isfinite(row.ms_median):
-            axes.plot(row.ms_median, row.recalls[1].mean, "o", color=_colour(number))
-            axes.annotate(row.method, (row.ms_median, row.recalls[1].mean), xytext=(5, 5), textcoords="offset points")
+    """Recall at 5% against milliseconds per frame, all data together; names of near points are stacked."""
+    known = [(number, row) for number, row in enumerate(_overall(rows)) if np.isfinite(row.ms_median)]
+    slowest = max((row.ms_median for _, row in known), default=0.0)
+    named: list[tuple[bool, float]] = []
+    for number, row in known:
+        x, y = row.ms_median, row.recalls[1].mean
+        axes.plot(x, y, "o", color=_colour(number))
+        at_the_right = x > 0.5 * slowest  # there names run to the left, and stay on the axes
+        stacked = sum(side == at_the_right and abs(other - y) < _NEAR for side, other in named)
+        height = 5 + 12 * stacked * (1 if y < 0.5 else -1)
+        named.append((at_the_right, y))
+        axes.annotate(
+            as_it_is(row.method), (x, y), (-5 if at_the_right else 5, height), color=_colour(number),
+            textcoords="offset points", ha="right" if at_the_right else "left",
+        )  # fmt: skip
     axes.set(xlabel="ms per frame, median", ylabel="@5%", ylim=(-0.02, 1.08), xlim=(0.0, None))
     axes.margins(x=0.2)
     axes.set_title("accuracy and time")
@@ -91,7 +103,7 @@ def draw_preparing(axes: Axes, rows: Sequence[Row]) -> None:
     if not known:
         _say(axes, "preparation: not counted for these parts")
         return
-    names, seconds = [row.method for _, row in known], [row.prepare_s for _, row in known]
+    names, seconds = [as_it_is(row.method) for _, row in known], [row.prepare_s for _, row in known]
     axes.barh(names, seconds, color=[_colour(n) for n, _ in known])
     axes.invert_yaxis()
     axes.set(xlabel="CPU seconds per part")
@@ -138,6 +150,8 @@ def draw_against(axes: Axes, rows: Sequence[Row], setting: str, name: str, other
         middle = np.array([row.recalls[1].mean for row in own])
         spans = np.array([(row.recalls[1].low, row.recalls[1].high) for row in own]).reshape(-1, 2).T
         axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
+    if setting == "step":
+        axes.set_xticks(sorted({row.variant.step for row in chosen}))
     axes.set(xlabel=name, ylabel="@5%", ylim=(-0.02, 1.02))
     axes.set_title(f"@5%: {name}")
     axes.grid(alpha=0.3)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acp_lab.display.accuracy import AddPercent
-from acp_lab.display.look import GENERATED, IMAGE, POINTS, START, TRUTH, UNKNOWN, WRONG
+from acp_lab.display.look import GENERATED, IMAGE, POINTS, START, TRUTH, UNKNOWN, WRONG, as_it_is
 from acp_lab.display.pictures import draw_strokes
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray, IntArray
@@ -62,7 +62,8 @@ def draw_runs(
         error = np.minimum(add_percents(run, object_id), largest_percent)
         gaps = _gaps(ids)
         for axes, values in ((error_axes, error), (quality_axes, quality)):
-            axes.plot(np.insert(ids, gaps, 0), np.insert(values, gaps, np.nan), color=colour, linewidth=1.5, label=name)
+            x, y = np.insert(ids, gaps, 0), np.insert(values, gaps, np.nan)
+            axes.plot(x, y, color=colour, linewidth=1.5, label=as_it_is(name))
             for state, marker in ((TrackState.LOST, "x"), (TrackState.WEAK, "o")):
                 rows = np.array([result.state is state for result in results])
                 axes.plot(ids[rows], values[rows], marker, color=WRONG, markersize=4.5, markerfacecolor="none")

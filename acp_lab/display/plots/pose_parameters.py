@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from acp_lab.display.look import GENERATED, IMAGE, POINTS, TRUTH
+from acp_lab.display.look import GENERATED, IMAGE, POINTS, TRUTH, as_it_is
 from acp_lab.studies.pose_parameters import NAMES, PoseParameters
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def draw_pose_parameters(axes: Sequence[Axes], runs: Mapping[str, PoseParameters
         first = next(iter(runs.values()))
         panel.plot(first.frame_ids, first.true[:, number], color=TRUTH, linewidth=4.0, alpha=0.4, label="truth")
         for colour, (run, found) in zip(_COLOURS, runs.items(), strict=False):
-            panel.plot(found.frame_ids, found.estimated[:, number], color=colour, linewidth=1.2, label=run)
+            panel.plot(found.frame_ids, found.estimated[:, number], color=colour, linewidth=1.2, label=as_it_is(run))
         panel.set_title(name, fontsize=9)
         panel.grid(alpha=0.3)
     for panel in axes[3:]:
@@ -33,7 +33,7 @@ def draw_pose_errors(axes: Sequence[Axes], runs: Mapping[str, PoseParameters]) -
     for number, (panel, name) in enumerate(zip(axes, NAMES, strict=True)):
         panel.axhline(0.0, color=TRUTH, linewidth=1.0)
         for colour, (run, found) in zip(_COLOURS, runs.items(), strict=False):
-            panel.plot(found.frame_ids, found.off[:, number], color=colour, linewidth=1.2, label=run)
+            panel.plot(found.frame_ids, found.off[:, number], color=colour, linewidth=1.2, label=as_it_is(run))
         panel.set_title(f"off: {name}", fontsize=9)
         panel.grid(alpha=0.3)
     for panel in axes[3:]:

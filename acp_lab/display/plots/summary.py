@@ -19,6 +19,7 @@ import numpy as np
 from acp_lab.cad.part import Part
 from acp_lab.display.accuracy import AddPercent
 from acp_lab.display.colours import GREY, LARGEST_RESIDUAL_PX, OBJECT_COLOURS, residual_colours
+from acp_lab.display.look import as_it_is
 from acp_lab.files import replacing
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -81,7 +82,7 @@ def draw_curves(axes: Sequence[Axes], objects: Sequence[Curves]) -> None:
             if not np.isfinite(values).any():
                 continue
             colour = OBJECT_COLOURS[order % len(OBJECT_COLOURS)]
-            axis.plot(curves.frame_ids, values, color=colour, linewidth=1.3, label=curves.name)
+            axis.plot(curves.frame_ids, values, color=colour, linewidth=1.3, label=as_it_is(curves.name))
         axis.set_xlabel("image id")
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
@@ -145,9 +146,9 @@ class SummaryPicture:
             states = ", ".join(str(result.state) for result in results)
             draw_frame(axes, image, results, f"image {index}: {states}")
         draw_curves(_row(halves[1], 3), list(self._curves.values()))
-        names = ", ".join(curves.name for curves in self._curves.values())
+        shown = f"{self._session.name}: {', '.join(curves.name for curves in self._curves.values())}"
         figure.suptitle(
-            f"{self._session.name}: {names}, method {self._session.method}   "
+            f"{as_it_is(shown)}, method {self._session.method}   "
             f"(edges: light blue 0 px, yellow, vermillion {LARGEST_RESIDUAL_PX:.0f} px off, grey: no image edge)",
             fontsize=10,
         )

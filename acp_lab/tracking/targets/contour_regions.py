@@ -118,34 +118,52 @@ class ContourTarget:
 
     def lines(self, edges: GeneratedEdges, at: Estimate) -> CorrespondenceLines:
         """Across the outline at an estimate with its edge points: those with part inside and background outside."""
-        rows = np.flatnonzero(edges.outline & (edges.sample_ids >= 0))[: self.memory.config.lines]
-        ids, points, memory = edges.sample_ids[rows], edges.points[rows], self.memory
-        outward, px_per_mm = np.empty((len(rows), 2)), np.empty(len(rows))
+        memory, most = self.memory, min(self.memory.config.lines, len(edges))
+        rows, ids = np.empty((2, most), np.int64)
+        points, outward = np.empty((2, most, 2))
+        free, px_per_mm = np.empty((2, most)), np.empty(most)
         camera, pose = at.view.camera, np.ascontiguousarray(at.cam_T_obj)
-        _outward(
-            memory.edges.points_obj[ids], memory.off_obj[ids], memory.edges.crease[ids],
-            np.ascontiguousarray(edges.normals[rows]), pose, camera.fx, camera.fy, outward, px_per_mm,
+        given = (
+            np.ascontiguousarray(edges.points), np.ascontiguousarray(edges.normals), edges.outline,
+            np.ascontiguousarray(edges.sample_ids, np.int64), memory.edges.points_obj, memory.off_obj,
+            memory.edges.crease, pose, camera.fx, camera.fy, memory.views.free_mm(at),
         )  # fmt: skip
-        free = memory.views.free_px(ids, points, outward, px_per_mm, at)
-        keep = free.min(0) > 0.0
+        count, unknown = _across(*given, rows, ids, points, outward, free, px_per_mm)
+        if unknown:
+            memory.views.look_along(ids[:count], points[:count], outward[:count], px_per_mm[:count], at)
+            count, _ = _across(*given, rows, ids, points, outward, free, px_per_mm)
         return CorrespondenceLines(
-            self.crop, rows[keep], ids[keep], points[keep], outward[keep], free[:, keep], px_per_mm[keep]
+            self.crop, rows[:count], ids[:count], points[:count], outward[:count], free[:, :count], px_per_mm[:count]
         )
 
 
-@kernel("void(f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[:, ::1], f8[::1])")
-def _outward(
-    points_obj: FloatArray, off_obj: FloatArray, crease: BoolArray, across: FloatArray, cam_T_obj: FloatArray,
-    fx: float, fy: float, outward: FloatArray, px_per_mm: FloatArray,
-) -> None:  # fmt: skip
-    """Fill outward (n, 2), unit, off the part in the image, and px_per_mm (n,) along it.
+@kernel(
+    "UniTuple(i8, 2)(f8[:, ::1], f8[:, ::1], b1[::1], i8[::1], f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f8, f8,"
+    " f8[:, ::1], i8[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1])"
+)
+def _across(
+    edge_points: FloatArray, normals: FloatArray, outline: BoolArray, sample_ids: IntArray, points_obj: FloatArray,
+    off_obj: FloatArray, crease: BoolArray, cam_T_obj: FloatArray, fx: float, fy: float, free_mm: FloatArray,
+    rows: IntArray, ids: IntArray, points: FloatArray, outward: FloatArray, free: FloatArray, px_per_mm: FloatArray,
+) -> tuple[int, int]:  # fmt: skip
+    """Fill the arrays of `CorrespondenceLines` with the lines across an outline; returns how many, and of how many of
+    these nobody knows yet how far they are free.
 
-    On creases these are the edge's own normals, `across` (n, 2). Where the surface turns away smoothly the silhouette
-    of a mesh zigzags, and its normals with it: there it is the projection of the direction off the material (n, 3).
+    edge_points, normals: (n, 2); outline, sample_ids: (n,); points_obj, off_obj, crease, free_mm: of all samples. The
+    first `len(rows)` points of the outline are asked, and those left out that are known not to be free.
+
+    On creases a line runs along the edge's own normal. Where the surface turns away smoothly the silhouette of a mesh
+    zigzags, and its normals with it: there it is the projection of the direction off the material.
     """
-    for i in range(len(points_obj)):
-        point, off = cam_T_obj[:3, 3].copy(), np.zeros(3)
+    asked, count, unknown = 0, 0, 0
+    point, off = np.empty(3), np.empty(3)
+    for n in range(len(edge_points)):
+        i = sample_ids[n]
+        if asked == len(rows) or not (outline[n] and i >= 0):
+            continue
+        asked += 1
         for row in range(3):
+            point[row], off[row] = cam_T_obj[row, 3], 0.0
             for k in range(3):
                 point[row] += cam_T_obj[row, k] * points_obj[i, k]
                 off[row] += cam_T_obj[row, k] * off_obj[i, k]
@@ -154,24 +172,33 @@ def _outward(
         length = max(np.hypot(x, y), 1e-12)
         x, y = x / length, y / length
         if crease[i]:
-            side = -1.0 if across[i, 0] * x + across[i, 1] * y < 0.0 else 1.0
-            x, y = side * across[i, 0], side * across[i, 1]
-        outward[i, 0], outward[i, 1] = x, y
+            side = -1.0 if normals[n, 0] * x + normals[n, 1] * y < 0.0 else 1.0
+            x, y = side * normals[n, 0], side * normals[n, 1]
         along, down = fx * x / point[2], fy * y / point[2]
         forth = -(along * point[0] + down * point[1]) / point[2]
-        px_per_mm[i] = np.sqrt(along * along + down * down + forth * forth)
+        scale = np.sqrt(along * along + down * down + forth * forth)
+        inwards, outwards = scale * free_mm[0, i], scale * free_mm[1, i]
+        if min(inwards, outwards) <= 0.0:
+            continue
+        unknown += np.isnan(inwards)
+        rows[count], ids[count], px_per_mm[count] = n, i, scale
+        points[count], outward[count, 0], outward[count, 1] = edge_points[n], x, y
+        free[0, count], free[1, count] = inwards, outwards
+        count += 1
+    return count, unknown
 
 
 class ContourMeasure:
     """The posterior of each line of one level, and how far along it the outline has moved since.
 
     directions: (n, 2) unit, across the outline at the level's n edge points; those that are no lines have weight 0.
+    start: (n, 2) px, where these were.
     """
 
     def __init__(self, target: ContourTarget, edges: GeneratedEdges, at: Estimate, level: Level) -> None:
         config = target.memory.config
         self.target, self.directions = target, edges.normals.copy()
-        self._start, self._rate = np.ascontiguousarray(edges.points), config.local_rate
+        self.start, self._rate = np.ascontiguousarray(edges.points), config.local_rate
         self.scale = max(1, round(2.0 * level.reach_px / SEGMENTS))
         lines = target.lines(edges, at)
         usable = lines.free.min(0) >= config.free_segments * self.scale
@@ -191,11 +218,14 @@ class ContourMeasure:
     def __call__(self, edges: GeneratedEdges) -> ContourMeasurement:
         """Residuals of the lines where their points are now: of the Gaussian at first, then of the slope."""
         residuals, weights = np.zeros(len(edges)), np.zeros(len(edges))
-        loss = _newton_steps(
-            self._found, self._variance, self._certainty, float(self.scale), self._rate, self._rows,
-            np.ascontiguousarray(edges.points), self._start, self.directions, residuals, weights,
-        )  # fmt: skip
+        points = np.ascontiguousarray(edges.points)
+        loss = newton_steps(*self.posteriors, points, self.start, self.directions, residuals, weights)
         return ContourMeasurement(residuals, self.directions, weights, loss)
+
+    @property
+    def posteriors(self) -> tuple[FloatArray, FloatArray, FloatArray, float, float, IntArray]:
+        """Of the m lines, for `newton_steps`: found, variance, certainty, scale, rate, rows."""
+        return self._found, self._variance, self._certainty, float(self.scale), self._rate, self._rows
 
     def reported_loss(self, edges: GeneratedEdges) -> float:
         """Half the squared distance to the posteriors' means, weighted, the mean over the lines, px^2."""
@@ -209,7 +239,7 @@ class ContourMeasure:
 @kernel(
     "f8(f8[:, ::1], f8[::1], f8[::1], f8, f8, i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1])"
 )
-def _newton_steps(
+def newton_steps(
     found: FloatArray, variance: FloatArray, certainty: FloatArray, scale: float, rate: float, rows: IntArray,
     points: FloatArray, start: FloatArray, directions: FloatArray, residuals: FloatArray, weights: FloatArray,
 ) -> float:  # fmt: skip

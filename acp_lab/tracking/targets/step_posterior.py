@@ -60,7 +60,7 @@ def fill_posteriors(
     (8,), see `SmoothStep.values`. Pixels outside the crop say nothing.
     """
     height, width = bins.shape
-    inside = np.empty(SEGMENTS)
+    inside, products = np.empty(SEGMENTS), np.empty(PLACES)
     first = -0.5 * (SEGMENTS * scale - 1)
     for i in range(len(points)):
         for segment in range(SEGMENTS):
@@ -71,14 +71,16 @@ def fill_posteriors(
                 row = int(np.floor(points[i, 1] + way * outward[i, 1] + 0.5))
                 if 0 <= column < width and 0 <= row < height:
                     total += log_odds[bins[row, column]]
-            inside[segment] = 1.0 / (1.0 + np.exp(-total))
+            inside[segment] = 1.0 / (1.0 + np.exp(-total)) if total != 0.0 else 0.5
+        products[:] = 1.0
+        for k in range(WINDOW):  # in this order places are neighbours, and several are done at once
+            behind, before = step[k], 1.0 - step[k]
+            for place in range(PLACES):
+                p = inside[place + k]
+                products[place] *= behind * p + before * (1.0 - p)
         most = -np.inf
         for place in range(PLACES):
-            product = 1.0
-            for k in range(WINDOW):
-                p = inside[place + k]
-                product *= step[k] * p + (1.0 - step[k]) * (1.0 - p)
-            found[i, place] = np.log(max(product, 1e-300))
+            found[i, place] = np.log(max(products[place], 1e-300))
             most = max(most, found[i, place])
         total, mean, square = 0.0, 0.0, 0.0
         for place in range(PLACES):

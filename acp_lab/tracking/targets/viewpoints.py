@@ -32,23 +32,29 @@ class SparseViews:
         self._way_px = np.arange(step_px, reach_px + 0.1, step_px)
         self._free_mm: dict[int, FloatArray] = {}
 
-    def free_px(
-        self, ids: IntArray, points: FloatArray, outward: FloatArray, px_per_mm: FloatArray, at: Estimate
-    ) -> FloatArray:
-        """(2, n) px from outline samples to where the part ends inwards, and begins again outwards.
+    def free_mm(self, at: Estimate) -> FloatArray:
+        """(2, samples) mm to where the part ends inwards, and begins again outwards, in the nearest view.
 
-        ids: (n,) samples; points: (n, 2) px, theirs; outward: (n, 2) unit; px_per_mm: (n,) scale across the outline.
+        at: the estimate whose view is meant. NaN where nobody asked yet, see `look_along`.
         """
         eye_obj = eye_position(at.cam_T_obj) - self._box_centre
         view = int(np.argmax(self._views_obj @ eye_obj))
         known = self._free_mm.get(view)
         if known is None:
             known = self._free_mm[view] = np.full((2, self._samples), np.nan)
+        return known
+
+    def look_along(
+        self, ids: IntArray, points: FloatArray, outward: FloatArray, px_per_mm: FloatArray, at: Estimate
+    ) -> None:
+        """Find out, for the view nearest to an estimate's, the free lengths of samples (n,) that are not known.
+
+        points: (n, 2) px, theirs; outward: (n, 2) unit; px_per_mm: (n,) scale across the outline.
+        """
+        known = self.free_mm(at)
         asked = np.flatnonzero(np.isnan(known[0, ids]))
-        if len(asked):
-            free_px = self._cast(points[asked], outward[asked], at)
-            known[:, ids[asked]] = free_px / np.maximum(px_per_mm[asked], 1e-9)
-        return known[:, ids] * px_per_mm
+        free_px = self._cast(points[asked], outward[asked], at)
+        known[:, ids[asked]] = free_px / np.maximum(px_per_mm[asked], 1e-9)
 
     def _cast(self, points: FloatArray, outward: FloatArray, at: Estimate) -> FloatArray:
         way = np.concatenate([-self._way_px, self._way_px])
@@ -59,6 +65,7 @@ class SparseViews:
         rays_obj = (first[:, None] + way[:, None] * added[:, None]).reshape(-1, 3)
         eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
         hit = self._caster.occluded(eye, rays_obj, 1e9).reshape(len(points), 2, len(self._way_px))
-        # As far as the part reaches without a gap inwards, and the background outwards.
+        # As far as the part reaches without a gap inwards, and the background outwards: half a step beyond the last
+        # ray, as it ends between that one and the next. On the ray, rounding would decide who is long enough.
         steps = np.stack([np.cumprod(hit[:, 0], axis=1).sum(1), np.cumprod(~hit[:, 1], axis=1).sum(1)])
-        return np.asarray(self._way_px[0] * steps, np.float64)
+        return np.asarray(self._way_px[0] * np.where(steps > 0, steps + 0.5, 0.0), np.float64)

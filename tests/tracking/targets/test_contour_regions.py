@@ -128,6 +128,26 @@ def test_lines_point_off_the_part_and_end_where_it_ends(part: Part, model: Prepa
     np.testing.assert_allclose(again.free, lines.free)
 
 
+@pytest.mark.parametrize("reach_px", [19, 57, 76])  # lines that are free for 6, 18 and 24 px
+def test_rounding_does_not_choose_the_lines(
+    part: Part, model: PreparedPart, truth: FloatArray, reach_px: int, rng: np.random.Generator
+) -> None:
+    solver, target = looked_at(model, painted(part, truth), truth)
+    seen = solver.look(painted(part, truth), CAMERA, truth, 4)
+    assert seen is not None
+    at = seen.view.at_pose(truth)
+    target.memory.learn(target.lines(solver.source.generate(at, 300), at))
+    chosen = []
+    for _ in range(4):
+        pose = truth * (1.0 + 1e-14 * rng.standard_normal((4, 4)))
+        at = seen.view.at_pose(pose)
+        edges = solver.source.generate(at, 300)
+        chosen.append(np.flatnonzero(target.bind(edges, at, Level(reach_px, 3.0))(edges).weights))
+    assert len(chosen[0]) > 20
+    for other in chosen[1:]:
+        np.testing.assert_array_equal(other, chosen[0])
+
+
 def test_a_step_goes_towards_the_truth_and_the_next_is_local(
     part: Part, model: PreparedPart, truth: FloatArray
 ) -> None:
