@@ -188,6 +188,14 @@ aligner"""
     lab.page.mouse.click(*lab.on_screen(picture, tuple(pixel)))
     lab.until("aligner.pairs.count == 1")
     np.testing.assert_allclose(lab.value("aligner.picture.points[0]"), pixel, atol=1.5)
+    # A corner may be seen next to one that is placed already, below its handle.
+    beside = lab.value("int(aligner.chooser.seen_corners()[-1])")
+    lab.kernel(f"aligner.pairs.choose({beside})")
+    lab.page.mouse.click(*lab.on_screen(picture, (pixel[0] + 6.0, pixel[1])))
+    lab.until("aligner.pairs.count == 2", "aligner.pairs.count")
+    np.testing.assert_allclose(lab.value("aligner.picture.points"), [pixel, [pixel[0] + 6.0, pixel[1]]], atol=1.5)
+    panel.get_by_role("button", name="undo").first.click()
+    lab.until("aligner.pairs.count == 1", "aligner.pairs.count")
 
     # The ground below the model turns it; a click there is still a click.
     seen = np.array(lab.value("aligner.chooser.pose[:3, :3]"))
