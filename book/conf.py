@@ -5,9 +5,11 @@ in JupyterLab. Notebooks are run once and kept in a cache; ACP_BOOK_EXECUTE=off 
 """
 
 import importlib.util
+import inspect
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from nbclient import NotebookClient
 
@@ -62,6 +64,7 @@ autosummary_generate = True
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "undoc-members": False, "show-inheritance": False}
 autodoc_typehints = "signature"
+autodoc_mock_imports = ["plain_arrays"]  # bench.rapid.worker runs as a script, beside that module
 python_maximum_signature_line_length = 100
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -72,3 +75,15 @@ html_theme = "furo"
 html_title = "acp_lab"
 html_static_path = [str(_mathjax / "es5" / "tex-svg.js")]
 html_theme_options = {"navigation_with_keys": True}
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("autodoc-skip-member", _named_like_its_module)
+
+
+def _named_like_its_module(app: Any, _what: str, name: str, member: object, *_: object) -> bool | None:
+    """Whether to leave a function out where its package offers it: it would have the address of its module."""
+    module = str(getattr(member, "__module__", ""))
+    is_of_its_name = inspect.isfunction(member) and module.endswith(f".{name}")
+    return True if is_of_its_name and not app.env.docname.endswith(module) else None

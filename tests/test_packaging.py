@@ -78,9 +78,10 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     source = folder / "source"
     shutil.copytree(PROJECT / "acp_lab", source / "acp_lab", ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(PROJECT / name, source / name)
-    for name in ("notebooks", "docs"):
+    for pattern in ("pyproject.toml", "*.md", "LICENSE", "CITATION.cff"):
+        for path in PROJECT.glob(pattern):
+            shutil.copy(path, source / path.name)
+    for name in ("notebooks", "docs", "binder"):
         shutil.copytree(PROJECT / name, source / name, ignore=shutil.ignore_patterns("course_files", ".*"))
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(source)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -163,3 +164,17 @@ def test_pip_installs_the_course(wheel: Path, tmp_path: Path) -> None:
             if "course_files" not in path.parts and not (work / "acp_lab_course" / path).exists()
         ]
         assert not missing
+    assert not dead_links(work / "acp_lab_course")
+
+
+def dead_links(folder: Path) -> list[str]:
+    """Links of a folder's documents and notebooks to files that are not there; what only a checkout has, apart."""
+    dead = []
+    for path in [*folder.rglob("*.md"), *folder.rglob("*.ipynb")]:
+        for link in re.findall(r"\]\(([^)#\s\\]+)", path.read_text(encoding="utf-8")):
+            target = Path(os.path.normpath(path.parent / link))
+            inside = target.relative_to(folder).parts if target.is_relative_to(folder) else ()
+            is_shipped = "://" not in link and inside and inside[0] not in ("acp_lab", "tests", ".devcontainer")
+            if is_shipped and not target.exists():
+                dead.append(f"{path.relative_to(folder)}: {link}")
+    return dead

@@ -152,7 +152,6 @@ def _tracked(
     results: Path, info: Mapping[str, Any], dataset: Path | None, scene_id: int, ids: set[int]
 ) -> tuple[Sequence, dict[int, Part]]:
     """The images and the parts that a run saw."""
-    from acp_lab.cad.part import Part
     from acp_lab.geometry.camera import Camera
     from acp_lab.sequences import open_images
     from acp_lab.sequences.bop import BopDataset
@@ -160,7 +159,8 @@ def _tracked(
     tracked, folder = info.get("options") or {}, Path(str(info.get("folder", ".")))
     if dataset is None and tracked.get("video"):
         mesh, camera, video = (folder / str(tracked[name]) for name in ("mesh", "camera", "video"))
-        return open_images(video, Camera.from_json(camera)), {1: Part.from_file(mesh)}
+        part = _part_of_video(mesh, folder / str(tracked.get("parts")))
+        return open_images(video, Camera.from_json(camera)), {1: part}
     if dataset is None and tracked.get("dataset"):
         dataset = folder / str(tracked["dataset"])
     if dataset is None:
@@ -170,6 +170,18 @@ def _tracked(
     opened = BopDataset(dataset)
     scene = opened.open_scene(scene_id, str(tracked.get("split", "test")))
     return scene, {object_id: opened.part(object_id) for object_id in sorted(ids)}
+
+
+def _part_of_video(mesh: Path, parts: Path) -> Part:
+    """As it was prepared, which knows the unit of the mesh; where that is gone, the mesh in mm."""
+    from acp_lab.cad.part import Part
+    from acp_lab.errors import PreparationError
+    from acp_lab.prepared_part import PreparedPart, part_folder
+
+    try:
+        return PreparedPart.load(part_folder(parts, mesh.stem), mesh).part
+    except PreparationError:
+        return Part.from_file(mesh)
 
 
 def _run_info(path: Path) -> Mapping[str, Any]:

@@ -11,6 +11,7 @@ import sys
 import webbrowser
 from pathlib import Path
 
+from acp_lab.commands.replay_page import kept_home
 from acp_lab.errors import AcpLabError
 
 _ADDRESS = re.compile(r"connect at (http://127\.0\.0\.1:\d+)/?(\?url=[\w%.+-]+)")
@@ -34,18 +35,22 @@ def serve_to_browser(path: Path, opens: bool = False) -> int:
         start_new_session=True,  # what is started is a wrapper, and the server its child: they end as a group
     )
     assert server.stderr is not None
+    # Whoever ends this program means the server, too.
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     try:
         address = next(filter(None, map(address_in, server.stderr)), None)
         if address is None:
             raise AcpLabError(f"{path}: rerun's web viewer does not start: acp-lab doctor checks the viewer")
-        print(f"{address}\nopen it in a browser on this machine; Ctrl-C here ends it", flush=True)
-        if opens:
-            webbrowser.open(address)
-        for _ in server.stderr:  # a pipe that nobody reads would stop the server
-            pass
-        return server.wait()
+        with kept_home(address) as page:
+            print(f"{page}\nopen it in a browser on this machine; Ctrl-C here ends it", flush=True)
+            if opens:
+                webbrowser.open(page)
+            for _ in server.stderr:  # a pipe that nobody reads would stop the server
+                pass
+            return server.wait()
     finally:
         _end(server)
+        signal.signal(signal.SIGTERM, before)
 
 
 def address_in(line: str) -> str | None:

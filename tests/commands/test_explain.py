@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
+import trimesh
 
+from acp_lab.cad.edges import sample_edges
+from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import make_caster
 from acp_lab.display.replay.recorder import Replay
+from acp_lab.generator.templates import build_templates
+from acp_lab.prepared_part import PreparedPart
 from acp_lab.sample import sample_dataset
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
 from acp_lab.tracking.sought import Sought, to_row
@@ -102,6 +109,28 @@ def test_results_whose_data_set_is_not_told(capsys: pytest.CaptureFixture[str], 
     outcome = run(capsys, "explain", results, "--dataset", sample_dataset())
     assert outcome.status == 0
     assert f"lost since frame {LOSS}" in outcome.out
+
+
+def test_a_video_whose_mesh_is_in_metres(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:
+    """The prepared part knows the unit; the command has no option for it."""
+    scene, mesh = sample_scene(), tmp_path / "bracket.stl"
+    part = scene.dataset.part(1)
+    trimesh.Trimesh(part.vertices / 1000.0, part.faces, process=False).export(mesh)
+    in_metres = Part.from_file(mesh, unit="m")
+    edges = sample_edges(in_metres)
+    templates = build_templates(in_metres, edges, make_caster(in_metres), subdivisions=1)
+    PreparedPart(in_metres, edges, templates=templates).save(tmp_path / "parts" / "bracket")
+    camera = scene.camera(0)
+    numbers = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    (tmp_path / "CAMERA.json").write_text(json.dumps({**numbers, "dist": [0.0] * 5}))
+    tracked = {"video": str(scene.folder / "rgb"), "mesh": mesh.name, "camera": "CAMERA.json", "parts": "parts"}
+    info = results.with_name("results.run.json")
+    info.write_text(json.dumps({**json.loads(info.read_text()), "options": tracked}))
+    outcome = run(capsys, "explain", results)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert f"lost since frame {LOSS}" in outcome.out
+    shutil.rmtree(tmp_path / "parts")
+    assert_one_error(run(capsys, "explain", results), "bracket.stl", "metres")
 
 
 def test_the_limits_of_the_states_are_the_run_s_own(capsys: pytest.CaptureFixture[str], results: Path) -> None:

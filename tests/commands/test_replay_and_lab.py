@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
@@ -159,7 +160,10 @@ def test_bad_replays(
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems always have a display")
-def test_without_a_display(capsys: pytest.CaptureFixture[str], replay: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("ending", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_without_a_display(
+    replay: Path, monkeypatch: pytest.MonkeyPatch, ending: signal.Signals, status: int
+) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     environment = {**os.environ, "PYTHONPATH": str(Path(acp_lab.__file__).parents[1])}
@@ -174,12 +178,20 @@ def test_without_a_display(capsys: pytest.CaptureFixture[str], replay: Path, mon
         assert pages == [address], "one address, the one that shows the replay"
         url = urllib.parse.urlsplit(address)
         assert url.hostname == "127.0.0.1"
-        assert urllib.request.urlopen(f"http://{url.netloc}/").status == 200
         data = urllib.parse.urlsplit(urllib.parse.parse_qs(url.query)["url"][0])
+        with urllib.request.urlopen(f"http://{url.netloc}/") as page:
+            assert (page.status, page.headers["Content-Type"]) == (200, "text/html")
+            rules = dict(rule.split(" ", 1) for rule in page.headers["Content-Security-Policy"].split("; "))
+            assert b"re_viewer.js" in page.read()
+        assert rules.keys() == {"default-src", "connect-src"}
+        assert [word for word in rules["connect-src"].split() if "://" in word] == [f"http://{data.netloc}"]
+        assert "://" not in rules["default-src"]
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"http://{url.netloc}/nothing.here")
         socket.create_connection((str(data.hostname), int(data.port or 0))).close()
     finally:
-        served.send_signal(signal.SIGINT)
-    assert served.wait(timeout=30) == 130
+        served.send_signal(ending)
+    assert served.wait(timeout=30) == status
     with pytest.raises(OSError, match="refused"):
         socket.create_connection((str(data.hostname), int(data.port or 0)))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -11,8 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from acp_lab.display import plots
 from acp_lab.display.look import INK, use_look
 
+PLOTS = Path(plots.__file__).parent
 WHITE, DARK = (1.0, 1.0, 1.0), (0.067, 0.067, 0.067)
 
 
@@ -45,3 +48,20 @@ def test_figures_have_no_ground_and_legends_have_one() -> None:
     alpha = np.asarray(Image.open(file))[..., 3]
     assert alpha[0, 0] == 0
     assert 0.5 < (alpha == 0).mean() < 1.0
+
+
+def test_boxes_are_drawn_in_ink() -> None:
+    """Matplotlib draws boxes, whiskers and medians in colours of their own, black for most."""
+    with mpl.rc_context():
+        use_look()
+        drawn = Figure().subplots().boxplot([[0.0, 1.0, 2.0, 9.0]])
+    lines = [line for name in ("boxes", "whiskers", "caps", "medians") for line in drawn[name]]
+    assert len(lines) == 6
+    assert all(mpl.colors.same_color(line.get_color(), INK) for line in lines)
+    assert mpl.colors.same_color(drawn["fliers"][0].get_markeredgecolor(), INK)
+
+
+def test_no_legend_goes_without_its_ground() -> None:
+    """Its black words would stand on the page's own, which may be dark."""
+    assert len(list(PLOTS.glob("*.py"))) > 10
+    assert not [path.name for path in PLOTS.glob("*.py") if "frameon=False" in path.read_text(encoding="utf-8")]

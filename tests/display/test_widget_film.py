@@ -58,6 +58,21 @@ def test_a_picture_that_cannot_be_made_says_why(sent: list[tuple[dict[str, Any],
     assert buffers == [b""]
 
 
+def test_a_fault_in_one_picture_is_raised_after_the_others_were_sent(
+    sent: list[tuple[dict[str, Any], list[bytes]]],
+) -> None:
+    def faulty(frame: int) -> Picture:
+        if frame == 2:
+            raise ZeroDivisionError("a fault")
+        return picture_of(frame)
+
+    film = FilmCanvas(faulty, 5)
+    with pytest.raises(ZeroDivisionError, match="a fault"):
+        film._hear(None, {"kind": "want", "frames": [1, 2, 3], "edition": film.edition}, [])
+    assert [content["frame"] for content, _ in sent] == [1, 2, 3]
+    assert "a fault" in sent[1][0]["status"]
+
+
 def test_the_kernel_moves_the_film_and_only_hears_where_the_hand_moved_it() -> None:
     film = FilmCanvas(picture_of, 5)
     times, _ = film.seek

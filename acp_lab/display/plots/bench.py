@@ -40,7 +40,7 @@ def bench_figure(runs: Sequence[Run], rows: Sequence[Row], basins: Sequence[Basi
     draw_against(steps, rows, "step", "one of n frames used", "give --steps to see this")
     handles, labels = curves.get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6), frameon=False)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
     return figure
 
 

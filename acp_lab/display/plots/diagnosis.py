@@ -130,7 +130,7 @@ def _draw_image(axes: Axes, diagnosis: Diagnosis) -> None:
     where = f"image of frame {diagnosis.measured_frame}"
     axes.set_title(f"{where}, edges at {diagnosis.measured_at}", fontsize=9)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2, frameon=False)
+        axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2)
 
 
 def _draw_strokes(
@@ -159,11 +159,13 @@ def _draw_quality(axes: Axes, diagnosis: Diagnosis, qualities: FloatArray) -> No
     axes.plot(np.arange(len(qualities)), qualities, color=BLUE, linewidth=1.4)
     axes.axhline(diagnosis.usual_quality, color=GREY, linestyle="--", linewidth=0.8)
     place = (len(qualities) - 1, diagnosis.usual_quality)
-    axes.annotate("good frames before", place, (-4, 3), textcoords="offset points", fontsize=7, ha="right")
+    # Inside the axes: a good quality is at their upper end.
+    below = {"xytext": (-4, -4), "va": "top"} if diagnosis.usual_quality > 0.5 else {"xytext": (-4, 3)}
+    axes.annotate("good frames before", place, textcoords="offset points", fontsize=7, ha="right", **below)
     if diagnosis.onset < diagnosis.frame:
         axes.axvspan(diagnosis.onset, diagnosis.frame, color=VERMILLION, alpha=0.15, linewidth=0.0)
     axes.axvline(diagnosis.frame, color=VERMILLION, linewidth=1.2)
-    axes.set_ylim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.03)
     axes.set_xlim(0, max(len(qualities) - 1, 1))
     axes.set_xlabel("frame")
     axes.set_ylabel("quality [0 to 1]")

@@ -81,7 +81,7 @@ def draw_runs(
     for axes in (error_axes, quality_axes):
         axes.set_xlabel("image id")
         axes.grid(alpha=0.3)
-    quality_axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    quality_axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 
 def _gaps(ids: IntArray) -> IntArray:

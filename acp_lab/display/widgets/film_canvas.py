@@ -94,8 +94,7 @@ class FilmCanvas(PointCanvas):
             finally:
                 self._is_told = False
         elif kind == "want" and content.get("edition") == self.edition:
-            for frame in content["frames"]:
-                self._send_picture(int(frame))
+            self._send_pictures([int(frame) for frame in content["frames"]])
         else:
             super()._hear(widget, content, buffers)
 
@@ -105,8 +104,20 @@ class FilmCanvas(PointCanvas):
         except AcpLabError as error:
             return Picture(b"", (0, 0), status=str(error))
 
-    def _send_picture(self, frame: int) -> None:
-        picture = self._made(frame)
+    def _send_pictures(self, frames: list[int]) -> None:
+        """Answer for each: the browser waits for all that it asked for. What is no AcpLabError is raised at the end."""
+        failures = []
+        for frame in frames:
+            try:
+                picture = self._made(frame)
+            except Exception as error:  # a fault of this package; the film goes on without this picture
+                failures.append(error)
+                picture = Picture(b"", (0, 0), status=f"this picture cannot be shown: {error!r}")
+            self._send_picture(frame, picture)
+        if failures:
+            raise failures[0]
+
+    def _send_picture(self, frame: int, picture: Picture) -> None:
         overlays = serialised(picture.overlays)
         buffers = [picture.image, *(overlay.pop("data") for overlay in overlays)]
         content = {

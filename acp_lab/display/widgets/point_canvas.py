@@ -89,7 +89,7 @@ class PointCanvas(anywidget.AnyWidget):
     points: (n, 2); settled: (n, 2); dragging: bool. view: (x, y, width, height) px of the image to begin with,
     () for all of it. labels: of the points, "1", "2", ... by default. active: the point that is marked, -1 for
     none. closed: whether a polygon joins them. problem: one line that turns the polygon red, "" for none.
-    clickable: whether a click beside the points is told to `on_click`. orbits: whether a hand that drags the ground
+    clickable: whether a click, moving no point, is told to `on_click`. orbits: whether a hand that drags the ground
     turns something instead of moving the view; orbit: how far it did so in all, (x, y) px of the image, `dragging`
     meanwhile. height_px: the most it takes of the page.
     axes: two `Axis`, x and y, for a picture that is a map; () for one that is a picture.
@@ -140,7 +140,7 @@ class PointCanvas(anywidget.AnyWidget):
         self.overlays = tuple(overlays)
 
     def on_click(self, action: Callable[[FloatArray], None]) -> None:
-        """Call action((2,) px) at each click beside the points, while `clickable`."""
+        """Call action((2,) px) at each click that moves no point, while `clickable`."""
         self._on_click.append(action)
 
     def undo(self) -> None:

@@ -5,6 +5,7 @@
 const AHEAD = 24; // pictures that should be here before their time comes
 const MOST_ASKED = 8; // in one message; the next is sent when they are here, so that a slow kernel is never flooded
 const MOST_KEPT = 240;
+const PATIENCE_MS = 5000; // without an answer: then the question or its answer is lost, and is asked again
 
 class Film {
   constructor(model) {
@@ -13,6 +14,8 @@ class Film {
     this.shown = null; // a picture; null for the one that came with the widget
     this.kept = new Map();
     this.asked = new Set();
+    this.heard = performance.now(); // the last answer or question
+    this.patience = PATIENCE_MS;
     this.arrived = () => {};
     this.hear = (message, buffers) => this.take(message, buffers);
     model.on("msg:custom", this.hear);
@@ -46,7 +49,11 @@ class Film {
 
   // Ask for this frame and those that follow, as far as they are not here.
   ask() {
-    if (this.asked.size) return;
+    const now = performance.now();
+    if (this.asked.size) {
+      if (now - this.heard < this.patience) return;
+      this.patience *= 2; // a kernel that is busy for minutes finds few questions in its queue
+    }
     const wanted = [];
     for (let i = 0; i < Math.min(AHEAD, this.count) && wanted.length < MOST_ASKED; i++) {
       const frame = (this.at + i) % this.count;
@@ -54,12 +61,17 @@ class Film {
     }
     if (!wanted.length) return;
     this.asked = new Set(wanted);
+    this.heard = now;
     this.model.send({ kind: "want", frames: wanted, edition: this.model.get("edition") });
   }
 
   take(message, buffers) {
     if (message.kind !== "picture" || message.edition !== this.model.get("edition")) return;
     const { frame, ...picture } = message;
+    // First of all: whatever goes wrong with this picture, the others are asked for.
+    this.asked.delete(frame);
+    this.heard = performance.now();
+    this.patience = PATIENCE_MS;
     picture.image = buffers[0];
     picture.overlays = message.overlays.map((overlay, i) => ({ ...overlay, data: buffers[i + 1] }));
     picture.url = buffers[0].byteLength ? URL.createObjectURL(new Blob([buffers[0]])) : "";
@@ -69,7 +81,6 @@ class Film {
     this.drop(frame);
     this.kept.set(frame, picture);
     if (this.kept.size > MOST_KEPT) this.drop(this.kept.keys().next().value);
-    this.asked.delete(frame);
     this.ask();
     this.arrived(frame);
   }

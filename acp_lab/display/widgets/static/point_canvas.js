@@ -175,12 +175,12 @@ class PointCanvas extends Scene {
     this.showPoints();
   }
 
+  // A click on a handle counts as one, too: what is meant may lie next to a point that is there already.
   release(event) {
     const known = this.pointers.delete(event.pointerId);
     if (known) this.endSwing();
-    if (this.drag && event.pointerId === this.drag.id) {
-      this.letGo();
-    } else if (known && !this.pressed.moved && event.type === "pointerup" && this.model.get("clickable")) {
+    if (this.drag && event.pointerId === this.drag.id) this.letGo();
+    if (known && !this.pressed.moved && event.type === "pointerup" && this.model.get("clickable")) {
       const [x, y] = this.at(event);
       this.model.send({ kind: "click", x, y });
     }
