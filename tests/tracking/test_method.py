@@ -145,11 +145,11 @@ def test_every_named_method_follows_a_plate(name: str, plate: Flat) -> None:
     run = tracker.run(plate.sequence, plate.sequence.first_pose)
     assert run.method == tracker.name == name
     off = off_percent(model.part, run, plate.sequence)
-    assert max(off) < 7.0
+    assert max(off) < 7.5
     # The small picture of a thin plate leaves its distance open by some 3%, and what is painted adds some.
     exact = (name in OF_CAD_SAMPLES and name != "region-points") or name.endswith("samples")
     assert max(off[4:]) < (4.5 if exact else 6.5)  # a homography adds some, too
-    assert frozen_percent(model.part, plate.sequence) > 2 * 7.0
+    assert frozen_percent(model.part, plate.sequence) > 2 * 7.5
     if name not in OF_CAD_SAMPLES:
         wanted = "mid-section" if name == "unoptimised-points" else "regressed"
         assert set(model.autoencoder().asked) == {(4, wanted)}
