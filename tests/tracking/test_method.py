@@ -147,8 +147,9 @@ def test_every_named_method_follows_a_plate(name: str, plate: Flat) -> None:
     off = off_percent(model.part, run, plate.sequence)
     assert max(off) < 7.5
     # The small picture of a thin plate leaves its distance open by some 3%, and what is painted adds some.
-    exact = (name in OF_CAD_SAMPLES and name != "region-points") or name.endswith("samples")
-    assert max(off[4:]) < (4.5 if exact else 6.5)  # a homography adds some, too
+    exact = name in OF_CAD_SAMPLES or name.endswith("samples")
+    # A homography adds some, too, and most where colours alone hold its control points.
+    assert max(off[4:]) < (7.5 if name == "region-points" else 4.5 if exact else 6.5)
     assert frozen_percent(model.part, plate.sequence) > 2 * 7.5
     if name not in OF_CAD_SAMPLES:
         wanted = "mid-section" if name == "unoptimised-points" else "regressed"
