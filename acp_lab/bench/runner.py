@@ -140,7 +140,7 @@ def run(task: Task) -> Run:
     cv2.setNumThreads(1)
     state = task.state  # of what is read now, whatever happens to the files meanwhile
     opened = _opened_of(task)
-    part, metric = _measured(task.dataset, task.object_id, task.model_look)
+    part, metric = _measured_of(task)
     tracker = tracker_of(task)
     frame_ids = opened.scene.frame_ids[:: task.variant.step]
     steps, note = list[Step](), ""
@@ -157,7 +157,7 @@ def run(task: Task) -> Run:
 def tracker_of(task: Task) -> PartTracker:
     """The tracker of a task; PreparationError where its part, or cv2.rapid, is not prepared."""
     if not task.method:
-        return RapidTracker(_measured(task.dataset, task.object_id, task.model_look)[0], task.method_name)
+        return RapidTracker(_measured_of(task)[0], task.method_name)
     return Tracker(_prepared_of(task), task.settings())
 
 
@@ -188,7 +188,7 @@ def stages_of(method: Method) -> tuple[str, ...]:
 def watch(task: Task, observers: Iterable[Observer]) -> None:
     """Do a task without resets once more, for those who look on, such as a replay."""
     opened = _opened_of(task)
-    start = start_pose(task, opened.scene, _measured(task.dataset, task.object_id, task.model_look)[0])
+    start = start_pose(task, opened.scene, _measured_of(task)[0])
     scene, trackers = _EveryFew(opened.scene, task.variant.step), {task.object_id: tracker_of(task)}
     follow_sequence(trackers, scene, {task.object_id: start}, observers)
 
@@ -263,6 +263,10 @@ def _prepared(dataset: str, parts: str, object_id: int, header: str, look: str) 
     """header: of the part, look: of its model's files; others are another part, in processes that live long, too."""
     mesh = BopDataset(dataset).part_path(object_id)
     return PreparedPart.load(part_folder(Path(parts), mesh.stem), mesh)
+
+
+def _measured_of(task: Task) -> tuple[Part, PartMetric]:
+    return _measured(task.dataset, task.object_id, task.model_look)
 
 
 @lru_cache(maxsize=1)

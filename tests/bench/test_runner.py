@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -24,6 +25,7 @@ from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.method import ACP, ACP_EDGES, METHODS
 from acp_lab.tracking.result import Timings, TrackResult, TrackState
+from tests.commands.conftest import edit_json, write_dataset
 from tests.prepared_sample import sample_model, sample_scene
 
 PLANTED_MM = 3.0
@@ -180,6 +182,28 @@ def test_a_long_scene_is_read_frame_by_frame(monkeypatch: pytest.MonkeyPatch) ->
     run(sample_task())
     assert len(alive) == 2 * count - 3  # the three that fit were not read again
     runner._opened.cache_clear()
+
+
+def test_a_process_that_lives_long_sees_that_data_was_changed(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "data")
+    task = task_of(root, "test", tmp_path / "parts", SequenceKey("data", 1, 1), METHODS["region"], Variant())
+    before, part = runner._opened_of(task).frame(3), runner._measured_of(task)[0]
+    assert runner._opened_of(task).frame(3) is before
+    assert runner._measured_of(task)[0] is part
+    image = root / "test" / "000001" / "rgb" / "000003.png"
+    assert cv2.imwrite(str(image), np.zeros((240, 320, 3), np.uint8))
+    after = runner._opened_of(task).frame(3)
+    assert isinstance(before, Frame)
+    assert isinstance(after, Frame)
+    assert before.image.any()
+    assert not after.image.any()
+    assert runner._measured_of(task)[0] is part  # the model was not touched
+    edit_json(
+        root / "models" / "models_info.json",
+        lambda infos: infos["1"].update(symmetries_continuous=[{"axis": [0, 0, 1], "offset": [0, 0, 0]}]),
+    )
+    assert not part.symmetries.continuous
+    assert runner._measured_of(task)[0].symmetries.continuous
 
 
 def test_a_method_is_charged_with_what_it_needs() -> None:
