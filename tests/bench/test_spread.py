@@ -120,6 +120,19 @@ def test_a_worker_that_is_killed_costs_only_what_it_had_in_hand(
     assert len(list(tmp_path.glob("*.json"))) == len(tasks)
 
 
+def die_of(text: str) -> str:
+    """What a process without memory does, where the text says so."""
+    if text == "too much":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return text
+
+
+@pytest.mark.slow
+def test_what_kills_every_worker_is_named() -> None:
+    with pytest.raises(AcpLabError, match="large: every worker that took this died: look at its memory"):
+        list(workers.each(die_of, {"small": "little", "large": "too much", "other": "little"}, workers=2))
+
+
 @pytest.mark.slow
 def test_a_scheduler_that_goes_away_costs_only_what_was_in_hand(
     tasks: list[Task], cluster: Cluster, tmp_path: Path, caplog: pytest.LogCaptureFixture
