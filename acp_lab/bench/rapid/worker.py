@@ -1,4 +1,4 @@
-"""The other side of the pipe: run as a script by the Python that has cv2.rapid. It ends when its input does.
+"""The other side of the pipe: run as a script by the Python that has cv2.rapid. It ends when its input does::
 
     {"do": "start", "name": "GOS"} + vertices (n, 3) mm, triangles (m, 3)
     {"do": "track"} + image (h, w, 3) BGR, camera matrix (3, 3), rotation vector (3,), translation (3,) mm
