@@ -71,7 +71,7 @@ pictures: $(DEV_STAMP) ## renew the moving picture of the README and the screens
 	"$(BIN)/python" -m tests.browser.pictures "$(OUT)/parts"
 
 book: $(BOOK_STAMP) ## build the site: course with outputs, documents, reference; in book/_build/html
-	"$(BIN)/python" -m sphinx -b html -c book . book/_build/html
+	"$(BIN)/python" -m sphinx -b html -c book -d book/_build/doctrees . book/_build/html
 	"$(BIN)/python" book/links.py book/_build/html
 
 bench: $(DEV_STAMP) ## accuracy and speed on DATASETS (default: the sample), see benchmarks/

@@ -74,7 +74,7 @@ def _picture(image, results, percent, count, limits):
     for axis, (label, values, top) in zip(right.subplots(2, 1, sharex=True), curves, strict=True):
         axis.plot(values, color="#0072B2", linewidth=1.6)
         axis.plot(len(values) - 1, values[-1], "o", color="#D55E00", markersize=5)
-        axis.set(xlim=(0, count - 1), ylim=(0.0, top), ylabel=label)
+        axis.set(xlim=(0, count - 1), ylim=(0.0, 1.04 * top), ylabel=label)
         axis.grid(alpha=0.3)
         if "ADD" in label:
             axis.axhline(2.0, color="grey", linestyle="--", linewidth=0.8)

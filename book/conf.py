@@ -74,6 +74,7 @@ napoleon_use_ivar = True
 html_theme = "furo"
 html_title = "acp_lab"
 html_static_path = [str(_mathjax / "es5" / "tex-svg.js")]
+html_extra_path = ["root"]  # the first page, for who comes to the site's root
 html_theme_options = {"navigation_with_keys": True}
 
 

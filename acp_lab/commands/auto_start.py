@@ -48,7 +48,8 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
     if missing:
         raise SequenceError(
             f"--init auto: object {_listed(missing)} is not found in the first {FRAMES_TO_TRY} frames of "
-            f"{sequence.name}: give start poses, or look at what acp-lab detect makes of them"
+            f"{sequence.name}: give start poses by --init, which notebook 10 sets with the mouse, or look at what "
+            "acp-lab detect makes of them"
         )
     return starts
 

@@ -176,10 +176,19 @@ def track_parts(options: TrackOptions) -> None:
     summary = run_jobs(scene_jobs(options), options)
     if summary.objects:
         print(summary)
-    print(f"{options.out}: written")
+    print(f"{options.out}: written{_next_after_loss(summary, options.out)}")
     if options.replay is not None and summary.objects:
         lacks = f" ({summary.replay_lacks})" if summary.replay_lacks else ""
         print(f"{options.replay}: written{lacks}; acp-lab replay {options.replay} shows it")
+
+
+def _next_after_loss(summary: RunSummary, out: Path) -> str:
+    """The command that explains the first loss; nothing where no part was lost."""
+    lost = next((one for one in summary.objects if one.first_lost is not None), None)
+    if lost is None:
+        return ""
+    which = f" --scene {lost.scene_id} --object {lost.object_id}" if len(summary.objects) > 1 else ""
+    return f"; acp-lab explain {out}{which} says why it was lost, and where to start again"
 
 
 def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()) -> RunSummary:

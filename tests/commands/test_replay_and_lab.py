@@ -167,6 +167,7 @@ def test_without_a_display(
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     environment = {**os.environ, "PYTHONPATH": str(Path(acp_lab.__file__).parents[1])}
+    environment["http_proxy"] = "http://127.0.0.1:9"  # nobody there: what is on this machine needs no proxy
     command = [sys.executable, "-m", "acp_lab", "replay", str(replay)]
     # A group of its own, so that Ctrl-C can be sent to it, as a terminal does.
     served = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True)
@@ -188,6 +189,9 @@ def test_without_a_display(
         assert "://" not in rules["default-src"]
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"http://{url.netloc}/nothing.here")
+        with socket.create_connection((url.hostname, int(url.port or 0))) as raw:
+            raw.sendall(b"GET @nowhere.invalid/ HTTP/1.0\r\n\r\n")
+            assert b" 400 " in raw.recv(100)
         socket.create_connection((str(data.hostname), int(data.port or 0))).close()
     finally:
         served.send_signal(ending)

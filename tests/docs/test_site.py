@@ -25,6 +25,15 @@ def test_the_reference_has_every_layer() -> None:
     assert layers <= set(re.findall(r"^   acp_lab\.(\w+)$", text, re.MULTILINE))
 
 
+def test_the_root_leads_to_the_first_page() -> None:
+    """Who opens the address of the site gets its root, where Sphinx puts no page."""
+    root = (BOOK / "root" / "index.html").read_text(encoding="utf-8")
+    assert re.findall(r"url=([^\"]+)", root) == ["book/index.html"]
+    settings = (BOOK / "conf.py").read_text(encoding="utf-8")
+    assert 'html_extra_path = ["root"]' in settings
+    assert 'root_doc = "book/index"' in settings
+
+
 def test_broken_links_are_seen(tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text('<a href="b.html#there">x</a> <a href="https://nowhere.invalid">y</a>')
     (tmp_path / "b.html").write_text('<p id="there"><a href="a.html">x</a>')

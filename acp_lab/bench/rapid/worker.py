@@ -1,8 +1,8 @@
 """The other side of the pipe: run as a script by the Python that has cv2.rapid. It ends when its input does.
 
-    {"do": "start", "name": "GOS"} + vertices (n, 3) mm, triangles (m, 3)
-    {"do": "track"} + image (h, w, 3) BGR, camera matrix (3, 3), rotation vector (3,), translation (3,) mm
-        -> {"share": of the control points that were found, "ms": CPU} + rotation vector, translation
+- {"do": "start", "name": "GOS"} + vertices (n, 3) mm, triangles (m, 3), answered by {}
+- {"do": "track"} + image (h, w, 3) BGR, camera matrix (3, 3), rotation vector (3,), translation (3,) mm, answered by
+  {"share": of the control points that were found, "ms": CPU} + rotation vector, translation
 """
 
 from __future__ import annotations
