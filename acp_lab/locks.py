@@ -6,6 +6,7 @@ It ends with the process that holds it, however that ends, so a file left by a k
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,6 +15,7 @@ from filelock import FileLock, Timeout
 
 from acp_lab.errors import InputFileError
 from acp_lab.files import remove_leftovers
+from acp_lab.input_file import check_regular
 
 
 @contextmanager
@@ -26,8 +28,10 @@ def only_writer(path: Path, what: str = "the file") -> Iterator[None]:
         what: names the content in the message, such as "the results".
 
     Raises:
-        InputFileError: another one is writing it, or the place cannot be written.
+        InputFileError: another one is writing it, or the place cannot be written, such as a pipe.
     """
+    if path.exists():
+        check_regular(path, "choose another place", math.inf)
     lock = FileLock(path.with_name(f".{path.name}.lock"), blocking=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -95,3 +95,12 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputFileError, match="cannot be written"), only_writer(tmp_path / "file" / "a.csv"):
         pass
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
+def test_a_pipe_is_no_place_to_write(tmp_path: Path) -> None:
+    """Who opens it would wait for a reader."""
+    os.mkfifo(tmp_path / "a.csv")
+    with pytest.raises(InputFileError, match=r"a\.csv: is a pipe"), only_writer(tmp_path / "a.csv"):
+        pass
+    assert names(tmp_path) == ["a.csv"]

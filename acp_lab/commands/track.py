@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from acp_lab.errors import AcpLabError, InputFileError, SequenceError
+from acp_lab.input_file import check_regular
 
 if TYPE_CHECKING:
     from acp_lab.geometry.arrays import FloatArray
@@ -125,7 +126,9 @@ class TrackOptions:
 
 
 def check_replaces_own(path: Path, beginning: bytes, option: str, kind: str) -> None:
-    """Refuse to replace a file that this program did not write, such as a data set's truth."""
+    """Refuse to replace what is not of this program, such as a data set's truth, and to wait for a pipe's reader."""
+    if path.exists():
+        check_regular(path, f"give {option} another place", math.inf)
     if not path.is_file():
         return
     with path.open("rb") as file:

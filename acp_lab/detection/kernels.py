@@ -32,11 +32,21 @@ def scan_templates(
     for begin in range(0, length, CHUNK):
         size = min(CHUNK, length - begin)
         for t in range(from_template, to_template):
-            total[:] = 0
-            for f in range(counts[t]):
-                row = planes[plane_of[t, f]]
+            total[:size] = 0
+            in_fours = counts[t] - counts[t] % 4
+            # The sums are read and written once for four features: that takes as long as reading one of these.
+            for f in range(0, in_fours, 4):
+                at0, at1 = first + begin + shifts[t, f], first + begin + shifts[t, f + 1]
+                at2, at3 = first + begin + shifts[t, f + 2], first + begin + shifts[t, f + 3]
+                part0 = planes[plane_of[t, f]][at0 : at0 + size]
+                part1 = planes[plane_of[t, f + 1]][at1 : at1 + size]
+                part2 = planes[plane_of[t, f + 2]][at2 : at2 + size]
+                part3 = planes[plane_of[t, f + 3]][at3 : at3 + size]
+                for i in range(size):
+                    total[i] += np.int16(part0[i]) + np.int16(part1[i]) + np.int16(part2[i]) + np.int16(part3[i])
+            for f in range(in_fours, counts[t]):
                 at = first + begin + shifts[t, f]
-                part = row[at : at + size]
+                part = planes[plane_of[t, f]][at : at + size]
                 for i in range(size):
                     total[i] += part[i]
             gain, group = gains[t], groups[t]

@@ -15,13 +15,11 @@ import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.edge_maps import LAYER_WORK, RESIZE_WORK, distances, oriented_edges, removing_specks, resized
-from acp_lab.detection.view_templates import SCAN_BINS, Templates
+from acp_lab.detection.view_templates import SCAN_BINS, STEP_PX, Templates
 from acp_lab.detection.work import Steps
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 
-STEP_PX = 4
-"""Of the places that are tried; the spread reaches over it."""
 GROUPS = 12
 """Neighbouring views share a group; each place keeps the best template of each group."""
 _NEIGHBOUR_SHARE = 0.6
@@ -136,9 +134,8 @@ def _scan_level(
         layer[..., : high * wide] = phases.reshape(step, step, high * wide)
         yield PLANE_WORK * padded.size
     planes = planes.reshape(SCAN_BINS * step * step, -1)
-    x, y = templates.offsets[..., 0], templates.offsets[..., 1]
-    plane_of = ((templates.bins * step + y % step) * step + x % step).astype(np.int32)
-    shifts = ((y // step) * wide + x // step).astype(np.int32)
+    plane_of, steps = templates.reads
+    shifts = steps[..., 1] * np.int32(wide) + steps[..., 0]
     first, length = margin * wide, rows * wide
     best: Float32Array = np.full((GROUPS, length), -1e9, np.float32)
     ids = np.zeros((GROUPS, length), np.int32)

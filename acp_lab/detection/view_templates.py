@@ -19,10 +19,12 @@ from acp_lab.control_points.view_regions import choose_region
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.edge_maps import direction_bins
 from acp_lab.generator.base import RigidGenerator, VisibleSamples
-from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from acp_lab.geometry.pose import make_pose
 
 SCAN_BINS = 8
+STEP_PX = 4
+"""Of the places that are scanned; the spread of the responses reaches over it."""
 VIEW_DISTANCE = 5.0
 """In diameters, as that of the stored visibility."""
 SEARCH_SAMPLES = 80
@@ -104,9 +106,17 @@ class Templates:
     def __len__(self) -> int:
         return len(self.views)
 
+    @cached_property
+    def reads(self) -> tuple[Int32Array, Int32Array]:
+        """What the scan reads for each feature: (t, f) the plane of its direction and of its phase within a step, and
+        (t, f, 2) how many steps (x, y) away. It takes milliseconds, so it is not left to a frame."""
+        steps, phase = np.divmod(self.offsets, STEP_PX)
+        plane = (self.bins * STEP_PX + phase[..., 1]) * STEP_PX + phase[..., 0]
+        return plane.astype(np.int32), steps.astype(np.int32)
+
     def take(self, rows: IntArray | BoolArray) -> Templates:
         """Some of them; the numbers of their views stay."""
-        return Templates(
+        taken = Templates(
             self.views[rows],
             self.turns_rad[rows],
             self.offsets[rows],
@@ -114,6 +124,9 @@ class Templates:
             self.counts[rows],
             self.gains[rows],
         )
+        plane, steps = self.reads
+        taken.__dict__["reads"] = plane[rows], steps[rows]
+        return taken
 
 
 def make_views(part: Part, generator: RigidGenerator) -> Views:

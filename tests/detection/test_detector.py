@@ -16,7 +16,7 @@ from acp_lab.detection.edge_maps import bands, oriented_edges, removing_specks, 
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.pose_search import Poses, distinct
 from acp_lab.detection.scan import Candidates, depth_levels, scan
-from acp_lab.detection.view_templates import SCAN_BINS, looking_along, spread
+from acp_lab.detection.view_templates import SCAN_BINS, STEP_PX, looking_along, spread
 from acp_lab.detection.work import finish
 from acp_lab.errors import AcpLabError
 from acp_lab.geometry.camera import Camera
@@ -100,6 +100,23 @@ def test_templates_are_bounded() -> None:
     assert templates.bins.min() >= 0
     assert templates.bins.max() < SCAN_BINS
     assert sum(a.nbytes for a in (templates.offsets, templates.bins, detector.views.points_obj)) < 30e6
+
+
+def test_what_the_scan_reads_is_laid_out_before_a_frame_needs_it() -> None:
+    """Once per template, not per level of a scan: of all templates it takes milliseconds that no work counts."""
+    detector = sample_detector()
+    detector.prepare()
+    templates = detector.templates
+    assert "reads" in templates.__dict__
+    taken = templates.take(np.arange(3, len(templates), 7))
+    assert "reads" in taken.__dict__
+    plane, steps = taken.reads
+    for made, wanted in zip(taken.reads, replace(taken).reads, strict=True):
+        np.testing.assert_array_equal(made, wanted)
+    x, y = np.moveaxis(taken.offsets, -1, 0)
+    np.testing.assert_array_equal(plane % STEP_PX, x - STEP_PX * steps[..., 0])
+    np.testing.assert_array_equal(plane // STEP_PX % STEP_PX, y - STEP_PX * steps[..., 1])
+    np.testing.assert_array_equal(plane // STEP_PX**2, taken.bins)
 
 
 def test_the_sample_is_among_the_candidates() -> None:

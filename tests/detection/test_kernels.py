@@ -22,9 +22,9 @@ from acp_lab.geometry.pose import so3_exp
 
 def test_scan_templates(rng: np.random.Generator) -> None:
     planes = rng.integers(-100, 100, (16, 7000 + CHUNK)).astype(np.int8)
-    plane_of = rng.integers(0, 16, (9, 5)).astype(np.int32)
-    shifts = rng.integers(-40, 40, (9, 5)).astype(np.int32)
-    counts, groups = rng.integers(2, 6, 9), rng.integers(0, 3, 9)
+    plane_of = rng.integers(0, 16, (9, 11)).astype(np.int32)
+    shifts = rng.integers(-40, 40, (9, 11)).astype(np.int32)
+    counts, groups = np.arange(3, 12), rng.integers(0, 3, 9)
     gains = rng.uniform(0.5, 2.0, 9).astype(np.float32)
     first, length = 100, 5000  # more than one chunk
     best = np.full((3, length), -1e9, np.float32)

@@ -252,6 +252,14 @@ def output_over_input(at: Workplace) -> str:
     return said
 
 
+@row("a pipe in place of the results or of the replay", "refused, not waited for", quick=True)
+def pipe_as_output(at: Workplace) -> str:
+    pipe = at.folder / "pipe"
+    os.mkfifo(pipe)
+    at.refused(at.track("--replay", pipe), "--replay", "pipe")
+    return at.refused(at.run("track", at.data, "--parts", at.parts, "--out", pipe), "--out", "pipe")
+
+
 @row("the first image is unreadable", "refused")
 def first_image(at: Workplace) -> str:
     at.image(FRAME_IDS[0]).write_bytes(b"")
