@@ -15,7 +15,7 @@ from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.motions import RigidMotion
 from acp_lab.tracking.pose_descent_kernel import descend
-from acp_lab.tracking.priors import PosePrior
+from acp_lab.tracking.priors import sum_of
 from acp_lab.tracking.solvers import GaussNewton, Problem, Solver
 from acp_lab.tracking.targets.contour_regions import ContourMeasure, newton_steps
 
@@ -65,13 +65,11 @@ def contour_level(problem: Problem, solver: Solver) -> ContourLevel | None:
         return None
     if solver.last_px > 0.0:
         return None
-    relative, absolute, towards = np.zeros((3, 6, 6))
-    for prior in problem.priors:
-        if not isinstance(prior, PosePrior):
-            return None
-        relative, absolute = relative + prior.relative, absolute + prior.absolute
-        towards = towards + prior.towards
-    return ContourLevel(problem, motion, first.measure, first.precision, relative, absolute, towards, solver)
+    prior = sum_of(problem.priors)
+    if prior is None:
+        return None
+    information = prior.relative, prior.absolute, prior.towards
+    return ContourLevel(problem, motion, first.measure, first.precision, *information, solver)
 
 
 @kernel(

@@ -17,12 +17,10 @@ from acp_lab.tracking.contour_descent import ContourLevel, contour_level
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.motions import RigidMotion
 from acp_lab.tracking.pose_descent_kernel import add_up_pose, descend
-from acp_lab.tracking.priors import PosePrior
+from acp_lab.tracking.priors import sum_of
 from acp_lab.tracking.solvers import GaussNewton, Problem, Solver
 from acp_lab.tracking.targets.normals import NormalMeasure
 from acp_lab.tracking.targets.regions import RegionMeasure
-
-_NOTHING = np.zeros((6, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +99,9 @@ def pose_level(problem: Problem, start: Estimate, solver: Solver) -> PoseLevel |
         pulls, strengths = lines.residuals, other.precision * lines.weights
     if len(others) > 1:
         return None
-    relative, absolute, towards = _NOTHING, _NOTHING, _NOTHING
-    for prior in problem.priors:
-        if not isinstance(prior, PosePrior):
-            return None
-        relative, absolute = relative + prior.relative, absolute + prior.absolute
-        towards = towards + prior.towards
+    prior = sum_of(problem.priors)
+    if prior is None:
+        return None
     view = start.view
     return PoseLevel(
         view.camera.numbers,
@@ -121,9 +116,9 @@ def pose_level(problem: Problem, start: Estimate, solver: Solver) -> PoseLevel |
         np.array([edges.sigma_px, edges.outlier, first.precision]),
         pulls,
         strengths,
-        relative,
-        absolute,
-        towards,
+        prior.relative,
+        prior.absolute,
+        prior.towards,
         np.array(view.prior),
         np.array(np.broadcast_to(problem.scale, 6)),
         solver,

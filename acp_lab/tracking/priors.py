@@ -6,6 +6,7 @@ in px of the control points, the motion prior in standard deviations of the pred
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -102,6 +103,17 @@ class PosePrior:
 
     def __init__(self, relative: FloatArray, absolute: FloatArray, towards: FloatArray) -> None:
         self.relative, self.absolute, self.towards = relative, absolute, towards
+
+
+def sum_of(priors: Sequence[Prior]) -> PosePrior | None:
+    """The priors of a pose's six variables as one; None where one is known by more than its information."""
+    relative, absolute, towards = np.zeros((3, 6, 6))
+    for prior in priors:
+        if not isinstance(prior, PosePrior):
+            return None
+        relative, absolute = relative + prior.relative, absolute + prior.absolute
+        towards = towards + prior.towards
+    return PosePrior(relative, absolute, towards)
 
 
 class _StepDamping(PosePrior):
