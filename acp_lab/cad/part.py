@@ -12,19 +12,19 @@ a guess.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike
 
 from acp_lab.cad.mesh_file import read_mesh_file
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.errors import PartError
-from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 from acp_lab.input_file import LARGEST_NUMBER
 
 __all__ = ["Part", "PartInfo", "Symmetries", "clean_mesh", "largest_distance", "read_models_info"]
@@ -221,30 +221,63 @@ def _volume(vertices: FloatArray, faces: IntArray) -> float:
 def largest_distance(points: FloatArray) -> float:
     """Largest distance between two of the points (n, 3), to 1e-6 of itself.
 
-    Only corners of the convex hull can be its ends. Of them a pair is tried only if its two distances to the
-    middle add up to more than what was found before: few pairs on most parts, and none on a sphere.
-    """
-    from scipy.spatial import ConvexHull, QhullError
+    Only points far enough from the middle can be its ends, and the one farthest from p is found as a nearest
+    neighbour. With radii r about any middle, the largest of them R,
 
-    with contextlib.suppress(QhullError, ValueError):  # flat, or fewer than four points: all of them compete
-        points = points[ConvexHull(points).vertices]
+        |p - q|^2 = 2 r_p^2 + 2 R^2 - (|p + q|^2 + 2 R^2 - 2 r_q^2),
+
+    and the bracket is the squared distance from (-p, 0) to (q, sqrt(2 R^2 - 2 r_q^2)) in four dimensions. A tree
+    answers that in about log n, also on a sphere, where trying pairs takes n^2.
+    """
+    from scipy.spatial import KDTree
+
     centred = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
-    radius = np.linalg.norm(centred, axis=1)
-    order = np.argsort(-radius)
-    centred, radius = centred[order], radius[order]
     largest, start = 0.0, centred[0]
     for _ in range(8):  # walking to the farthest point and on from there soon gives a good first answer
         distance = np.linalg.norm(centred - start, axis=1)
         largest, start = max(largest, float(distance.max())), centred[distance.argmax()]
-    for first in range(0, len(centred), 256):
-        # Radii fall, so the partners that can still win are the first ones of the list.
-        limit = (1.0 + 1e-6) * largest - radius[first]
-        partners = centred[: np.searchsorted(-radius, -limit)]
-        if 2.0 * radius[first] <= (1.0 + 1e-6) * largest or len(partners) == 0:
-            break
-        for row in centred[first : first + 256]:
-            largest = max(largest, float(np.linalg.norm(partners - row, axis=1).max()))
+    radius = np.linalg.norm(centred, axis=1)
+    centred = centred[radius > (1.0 + 1e-6) * largest - radius.max()]  # an inner point has no partner that would win
+    if len(centred) > 10_000:
+        centred = centred[_can_end(centred, largest)]
+    radius = np.linalg.norm(centred, axis=1)
+    if len(centred) < 2:
+        return largest
+    reach = 2.0 * float(radius.max()) ** 2
+    tree = KDTree(np.column_stack([centred, np.sqrt(np.maximum(reach - 2.0 * radius**2, 0.0))]))
+    for first in range(0, len(centred), 4096):
+        rows = slice(first, first + 4096)
+        # Farther than this in four dimensions is nearer than what was found before.
+        bound = 2.0 * float(radius[rows].max()) ** 2 + reach - ((1.0 + 1e-6) * largest) ** 2
+        if bound <= 0.0:
+            continue
+        mirrored = np.column_stack([-centred[rows], np.zeros(len(centred[rows]))])
+        _, partner = tree.query(mirrored, distance_upper_bound=np.sqrt(bound))
+        found = partner < len(centred)
+        if found.any():
+            pairs = np.linalg.norm(centred[rows][found] - centred[partner[found]], axis=1)
+            largest = max(largest, float(pairs.max()))
     return largest
+
+
+def _can_end(points: FloatArray, largest: float) -> BoolArray:
+    """Which points (n, 3) may end a pair longer than ``largest``: (n,) bool.
+
+    The direction of such a pair is within an angle delta of one of the directions tried. Along that one its ends are
+    more than largest cos(delta) apart, so each lies within width - largest cos(delta) of that side of the points.
+    """
+    sphere = trimesh.creation.icosphere(subdivisions=4).vertices
+    directions = sphere[sphere[:, 2] > -1e-9]  # one half: a direction and its opposite are the same
+    spacing = np.cos(np.radians(3.0))  # no direction is as far as this from one of them or from its opposite
+    kept = np.zeros(len(points), dtype=bool)
+    for chunk in np.array_split(directions, 40):
+        along = points @ chunk.T
+        low, high = along.min(axis=0), along.max(axis=0)
+        slack = high - low - spacing * largest
+        wide = slack > 0.0
+        along, low, high, slack = along[:, wide], low[wide], high[wide], slack[wide]
+        kept |= ((along >= high - slack) | (along <= low + slack)).any(axis=1)
+    return kept
 
 
 def _check_size(diameter: float, where: str) -> None:

@@ -11,6 +11,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from meshes import box, bushing
+from scipy.spatial import ConvexHull
+from scipy.spatial.distance import cdist
 
 from acp_lab.cad.part import Part, PartInfo, Symmetries, largest_distance, read_models_info
 from acp_lab.errors import PartError
@@ -126,10 +128,21 @@ def test_largest_distance_is_that_of_all_pairs(seed: int, count: int, thickness:
     assert largest_distance(points) == pytest.approx(pairs.max(), rel=1e-6)
 
 
-def test_largest_distance_of_a_fine_sphere_is_quick() -> None:
-    # Every vertex is on the hull and every pair of opposite ones is a candidate: the worst case.
-    sphere = trimesh.creation.icosphere(5, radius=30.0)
-    assert largest_distance(np.array(sphere.vertices)) == pytest.approx(60.0, rel=1e-6)
+@pytest.mark.parametrize("shape", ["sphere", "bumps", "dome", "egg"])
+def test_largest_distance_of_a_fine_round_body(shape: str) -> None:
+    # Nearly every vertex is on the hull and many are nearly as far apart as the farthest two.
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=30.0)
+    points = np.array(ball.vertices) + np.array([50.0, 0.0, -20.0])  # 10,242
+    middle = points.mean(axis=0)
+    if shape == "bumps":
+        points = middle + (points - middle) * (1.0 + 0.01 * np.sin(0.3 * points).sum(axis=1, keepdims=True))
+    elif shape == "dome":
+        points = points[points[:, 2] >= middle[2]]
+    elif shape == "egg":
+        points = middle + (points - middle) * [1.0, 0.999, 0.998]
+    hull = points[ConvexHull(points).vertices]
+    pairs = max(float(cdist(rows, hull).max()) for rows in np.array_split(hull, 200))
+    assert largest_distance(points) == pytest.approx(pairs, rel=1e-6)
 
 
 @pytest.mark.parametrize(
