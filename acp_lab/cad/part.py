@@ -284,7 +284,7 @@ def _check_size(diameter: float, where: str) -> None:
     if diameter < SMALLEST_DIAMETER:
         raise PartError(
             f"{where}: its diameter would be {diameter:.4g} mm, which looks like metres: scale by 1000, or "
-            "give the unit m (inches: by 25.4, the unit inch)"
+            "prepare it with --unit m (inches: by 25.4, --unit inch)"
         )
     if diameter > LARGEST_DIAMETER:
         raise PartError(

@@ -233,7 +233,7 @@ def test_units_that_cannot_be(capsys: pytest.CaptureFixture[str], tmp_path: Path
     assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--unit", "foot"), "foot")
     assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--unit", "m"), "block.ply", "mm")
     small = scaled_box(tmp_path / "small.stl", 0.001)
-    assert_one_error(prepare(capsys, tmp_path / "parts", small), "small.stl", "looks like metres", "unit m")
+    assert_one_error(prepare(capsys, tmp_path / "parts", small), "small.stl", "looks like metres", "--unit m")
     (tmp_path / "part.step").write_text("ISO-10303-21;")
     assert_one_error(prepare(capsys, tmp_path / "parts", tmp_path / "part.step", "--unit", "inch"), "STEP", "inch")
 
