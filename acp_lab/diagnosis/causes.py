@@ -91,8 +91,9 @@ def unreadable(reason: str) -> Finding:
 def few_edges(found_share: float, contrast: float, config: DiagnosisConfig) -> Finding | None:
     """Too few of the visible edges are found, or they are faint; contrast in grey levels per px."""
     advice = (
-        "more light, a shorter exposure or a sharper lens; with other methods, --method acp, which sees colours; "
-        "by --config targets.search.contrast lower, so that faint edges count"
+        "a free view of the part (is something before it?), more light, a shorter exposure or a sharper lens; with "
+        "other methods, --method acp, which sees colours; by --config targets.search.contrast lower, so that "
+        "faint edges count"
     )
     text = (
         f"{100.0 * found_share:.0f}% of the visible edges are found in the image, and the median contrast across them "
