@@ -222,9 +222,10 @@ def largest_distance(points: FloatArray) -> float:
     """Largest distance between two of the points (n, 3), to 1e-6 of itself.
 
     Only points far enough from the middle can be its ends, and the one farthest from p is found as a nearest
-    neighbour. With radii r about any middle, the largest of them R,
+    neighbour. With radii r about any middle, the largest of them R, and d the distance between p and q, s that
+    between p and -q::
 
-        |p - q|^2 = 2 r_p^2 + 2 R^2 - (|p + q|^2 + 2 R^2 - 2 r_q^2),
+        d^2 = 2 r_p^2 + 2 R^2 - (s^2 + 2 R^2 - 2 r_q^2),
 
     and the bracket is the squared distance from (-p, 0) to (q, sqrt(2 R^2 - 2 r_q^2)) in four dimensions. A tree
     answers that in about log n, also on a sphere, where trying pairs takes n^2.
