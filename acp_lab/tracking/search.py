@@ -26,6 +26,9 @@ WIDE_LEVELS = (Level(20, 8.0), Level(16, 5.0), Level(10, 2.5), Level(6, 1.2))
 """From some degrees and some ten px off."""
 AGREEMENT_LEVEL = Level(6, 1.2)
 """For comparing poses with each other."""
+LOOK_AROUND = Level(12, 5.0, 150)
+"""For choosing among poses of which none is near: wide, and with few samples."""
+_CLOUD_LEVELS, _FINE_LEVELS = WIDE_LEVELS[1:], (Level(8, 2.0, 400), Level(5, 1.0, 600))
 _RING = 8
 # No part turns more from one frame to the next; nor does it move by its own size.
 _LARGEST_TURN_DEG = 45.0
@@ -50,6 +53,32 @@ class PoseSolver(Protocol):
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
         """In [0, 1]: how well the frame agrees with an estimate."""
         ...
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Poses scattered around a pose, and how many of them are followed up.
+
+    Attributes:
+        turn_deg: standard deviation of the turn about each axis.
+        shift_share: of the shift along each axis, as a share of the part's radius.
+        poses: in the cloud; solved: of these, from how many the solver runs; finalists: of its results, how many are
+            refined.
+    """
+
+    turn_deg: float
+    shift_share: float
+    poses: int
+    solved: int
+    finalists: int
+
+    def around(self, cam_T_obj: FloatArray, part: Part) -> list[FloatArray]:
+        """The pose (4, 4) itself, then the scattered ones; always the same."""
+        rng = np.random.default_rng(0)
+        turns = rng.normal(0.0, np.radians(self.turn_deg), (self.poses, 3))
+        shifts = rng.normal(0.0, self.shift_share * part.radius, (self.poses, 3))
+        steps = np.concatenate([turns, shifts], axis=1)
+        return [cam_T_obj, *(move_pose(cam_T_obj, part.box_centre, step) for step in steps)]
 
 
 @dataclass(frozen=True)
@@ -92,6 +121,22 @@ def search_around(
     return search(
         solver, seen, starts, plan, lambda solution: solver.agreement(seen, _as_pose(solution), AGREEMENT_LEVEL)
     )
+
+
+def search_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, cloud: Cloud) -> Solution | None:
+    """The best solution from a cloud around a pose (4, 4), by agreement; None when none of its poses sees the part.
+
+    A wide level moves a pose that is nearly right to edges that are not its own. So only those of the cloud that the
+    frame agrees with best are solved, without the widest level, and what was found is refined by fine levels alone.
+    """
+
+    def agreement(solution: Solution) -> float:
+        return solver.agreement(seen, _as_pose(solution), AGREEMENT_LEVEL)
+
+    poses = [seen.view.at_pose(pose) for pose in cloud.around(cam_T_obj, solver.part)]
+    looked = sorted(poses, key=lambda at: -solver.agreement(seen, at, LOOK_AROUND))
+    plan = SearchPlan(_CLOUD_LEVELS, cloud.finalists, _FINE_LEVELS)
+    return search(solver, seen, looked[: cloud.solved], plan, agreement)
 
 
 def ring(cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera, shift_px: float) -> tuple[FloatArray, ...]:

@@ -3,8 +3,9 @@
 A start pose is trusted when the frame agrees with it nearly as well as with the pose that the solver would rather
 have, and the two lie within a pixel or so: then the difference is the edges' own offset, not an error of the pose,
 and the offsets can be measured. They may lie somewhat further apart where the frame agrees with both equally: what
-the image cannot tell, whoever gave the pose can. Otherwise the part is searched around the start: the solver runs
-from a set of turned poses, the best fit wins, and its pose is weighed against the given one (`weighed_start`).
+the image cannot tell, whoever gave the pose can. And nothing in a cloud of poses around it may agree clearly better:
+from a poor start the solver can end as far from the part as it began. Otherwise the best of that cloud wins, and its
+pose is weighed against the given one (`weighed_start`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import AGREEMENT_LEVEL, PoseSolver, search_around
+from acp_lab.tracking.search import AGREEMENT_LEVEL, Cloud, PoseSolver, search_cloud
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.weighed_start import weighed_start
@@ -35,13 +36,14 @@ class TrustedStart:
         largest_shift_px: rms motion of the edge points along their normals between the two poses, without its scale
         part.
         largest_scale: relative change of apparent size between the two poses.
-        turn_deg: turns tried about the axes and diagonals when the start is not trusted.
-        finalists: how many of the coarse solutions are refined.
+        turn_deg, finalists: of the cloud of poses around the start, see `search.Cloud`.
         agreement_alone: ratio from which on the start is trusted, however far the two poses lie apart; infinite for
             none.
         bias_in_breaks: how far edges lie beside where they are expected, in edge breaks of the part; by it a start that
             is not trusted is weighed against what was found, see `weighed_start`.
         measures: whether offsets are measured also at a pose that is no trusted start.
+        shift_share, poses, solved: of the cloud, see `search.Cloud`.
+        surpassed: share of the best agreement in the cloud below which a start is not trusted.
     """
 
     kind: ClassVar[str] = "trusted"
@@ -49,15 +51,31 @@ class TrustedStart:
     equal_agreement: float = 0.97
     largest_shift_px: float = 0.85
     largest_scale: float = 0.025
-    turn_deg: float = 4.0
+    turn_deg: float = 4.5
     finalists: int = 3
     agreement_alone: float = 0.8
     bias_in_breaks: float = 1.0
     measures: bool = True
+    shift_share: float = 0.06
+    poses: int = 120
+    solved: int = 12
+    surpassed: float = 0.7
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.bias_in_breaks <= 100.0:
             raise TrackingError(f"start.bias_in_breaks = {self.bias_in_breaks:g}: give 0 to 100")
+        if not 0.0 <= self.surpassed <= 1.0:
+            raise TrackingError(f"start.surpassed = {self.surpassed:g}: give 0 to 1")
+        for name in ("poses", "solved"):
+            if not 1 <= getattr(self, name) <= 10_000:
+                raise TrackingError(f"start.{name} = {getattr(self, name)}: give 1 to 10000")
+        if not 0.0 <= self.shift_share <= 1.0:
+            raise TrackingError(f"start.shift_share = {self.shift_share:g}: give 0 to 1")
+
+    @property
+    def cloud(self) -> Cloud:
+        """Where the part is searched."""
+        return Cloud(self.turn_deg, self.shift_share, self.poses, self.solved, self.finalists)
 
 
 EQUAL_SLACK = 1.4
@@ -83,11 +101,11 @@ def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stop
     solved = solver.solve(seen, view.at_pose(view.prior), clock)
     if solved is None:
         return None
-    trusted = is_trusted(solver, seen, solved, config)
+    found = search_cloud(solver, seen, view.prior, config.cloud) or solved
+    trusted = is_trusted(solver, seen, solved, config) and not _is_surpassed(solver, seen, found, config)
     if trusted:
         pose, steps = view.prior, tuple[TrackStep, ...]()
     else:
-        found = search_around(solver, seen, view.prior, config.turn_deg, config.finalists) or solved
         pose, steps = found.cam_T_obj, found.steps
         matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
         if bias_mm and matches is not None:
@@ -95,6 +113,15 @@ def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stop
     # Where the search left the image, stay with what the given pose led to.
     looked = solver.look_at(seen, view.at_pose(pose), LOOK_LEVEL, clock) or solved
     return Started(replace(looked, steps=steps), trusted, trusted or config.measures)
+
+
+def _is_surpassed(solver: PoseSolver, seen: SeenFrame, found: Solution, config: TrustedStart) -> bool:
+    """Whether the frame agrees clearly better with a pose that was found than with the prior of its view."""
+    view = seen.view
+    at_start, at_found = (
+        solver.agreement(seen, view.at_pose(pose), AGREEMENT_LEVEL) for pose in (view.prior, found.cam_T_obj)
+    )
+    return at_start < config.surpassed * at_found
 
 
 def is_trusted(solver: PoseSolver, seen: SeenFrame, solved: Solution, config: TrustedStart) -> bool:

@@ -12,7 +12,7 @@ from acp_lab.cad.part import Part
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import disturb_pose, rotation_angle_deg, transform
-from acp_lab.geometry.pose_step import centre_position, move_pose
+from acp_lab.geometry.pose_step import centre_position, move_pose, pose_step_between
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
@@ -20,7 +20,7 @@ from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import RING_PLAN
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import SearchPlan, better, is_plausible, ring, search, search_around
+from acp_lab.tracking.search import Cloud, SearchPlan, better, is_plausible, ring, search, search_around, search_cloud
 from acp_lab.tracking.solution import SeenFrame, Solution
 from tests.made_parts import looking_at
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
@@ -101,6 +101,44 @@ def test_a_search_around_comes_back_from_some_degrees(
     found = search_around(solver, seen, start, 4.0, 3)
     assert found is not None
     assert add_percent(part, found.cam_T_obj, truth) < 1.5
+
+
+CLOUD = Cloud(4.5, 0.06, 120, 12, 3)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_search_in_a_cloud_comes_back_from_some_degrees(
+    part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray, seed: int
+) -> None:
+    start = disturb_pose(truth, part.box_centre, 8.0, 5.0, np.random.default_rng(seed))
+    found = search_cloud(solver, seen, start, CLOUD)
+    assert found is not None
+    assert add_percent(part, found.cam_T_obj, truth) < 1.5
+    again = search_cloud(solver, seen, start, CLOUD)
+    assert again is not None
+    np.testing.assert_array_equal(found.cam_T_obj, again.cam_T_obj)
+
+
+def test_a_cloud_scatters_as_wide_as_it_says(part: Part, truth: FloatArray) -> None:
+    first, *others = Cloud(4.5, 0.06, 2000, 12, 3).around(truth, part)
+    np.testing.assert_array_equal(first, truth)
+    steps = np.array([pose_step_between(truth, pose, part.box_centre) for pose in others])
+    # A standard deviation of 2000 numbers is known to 1.6%.
+    np.testing.assert_allclose(np.degrees(steps[:, :3]).std(0), 4.5, rtol=0.07)
+    np.testing.assert_allclose(steps[:, 3:].std(0), 0.06 * part.radius, rtol=0.07)
+
+
+def test_of_a_cloud_the_most_agreeable_are_solved_and_the_best_of_these_refined(
+    part: Part, seen: SeenFrame, truth: FloatArray
+) -> None:
+    solver = Noted(part)
+    found = search_cloud(solver, seen, truth, CLOUD)
+    assert found is not None
+    across = sorted((pose[0, 3] for pose in CLOUD.around(truth, part)), reverse=True)
+    solved = [(at.cam_T_obj[0, 3], [level.reach_px for level in levels]) for at, levels in solver.solved]
+    assert solved == [*((x, [16, 10, 6]) for x in across[:12]), *((x, [8, 5]) for x in across[:3])]
+    assert found.cam_T_obj[0, 3] == across[0]
+    assert len(solver.agreed) == 121 + 12 + 3
 
 
 @dataclass

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.geometry.pose_step import centre_position
@@ -17,13 +18,14 @@ from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
-from acp_lab.tracking.start import TrustedStart, is_trusted
+from acp_lab.tracking.start import TrustedStart, begin, is_trusted
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import CAMERA, add_percent, draw, poses, prepared
 
 INSET_MM = 0.2
+CONFIG = TrustedStart()
 NOT_ALONE = TrustedStart(agreement_alone=float("inf"))
 WAYS = {"above": (0.8, 0.6, 1.0), "below": (-0.5, 0.4, -0.9)}
 
@@ -37,6 +39,11 @@ def first_frame(part: Part, pose: FloatArray, inset_mm: float = 0.0) -> Frame:
 @pytest.fixture(params=WAYS.values(), ids=WAYS.keys())
 def truth(request: pytest.FixtureRequest, part: Part) -> FloatArray:
     return looking_at(part, np.array(request.param), 330.0, 0.3)
+
+
+@pytest.fixture
+def solver(model: PreparedPart) -> FrameSolver:
+    return FrameSolver(model, ACP)
 
 
 @pytest.mark.parametrize("inset_mm", [0.0, INSET_MM], ids=["as in the CAD", "inset by 0.2 mm"])
@@ -61,6 +68,34 @@ def test_a_disturbed_start_is_not_trusted_and_corrected(
         result = tracker.start(frame, start)
         assert not tracker.start_was_trusted
         assert add_percent(part, result.cam_T_obj, truth) < 2.5
+
+
+def test_a_start_is_not_trusted_because_the_solver_finds_nothing_better(
+    part: Part, model: PreparedPart, solver: FrameSolver
+) -> None:
+    """From far away the solver may end as far away; a cloud of poses around the start shows better ones."""
+    truth = looking_at(part, np.array(WAYS["above"]), 330.0, 0.3)
+    frame, start = first_frame(part, truth), disturb_pose(truth, part.box_centre, 12.0, 12.0, np.random.default_rng(31))
+    seen = solver.look(frame.image, CAMERA, start, solver.choose_region(start))
+    assert seen is not None
+    solved = solver.solve(seen, seen.view.at_pose(start), Stopwatch())
+    assert solved is not None
+    assert add_percent(part, solved.cam_T_obj, truth) > 10.0
+    assert is_trusted(solver, seen, solved, CONFIG)
+    started = begin(solver, seen, CONFIG, Stopwatch())
+    assert started is not None
+    assert not started.trusted
+    assert add_percent(part, started.solution.cam_T_obj, truth) < 2.5
+    # Where a start may be surpassed by anything, it is kept as before.
+    kept = begin(solver, seen, replace(CONFIG, surpassed=0.0), Stopwatch())
+    assert kept is not None
+    assert kept.trusted
+
+
+@pytest.mark.parametrize("setting", [{"surpassed": 1.1}, {"poses": 0}, {"solved": 0}, {"shift_share": -0.1}])
+def test_settings_of_the_cloud_are_checked(setting: dict[str, float]) -> None:
+    with pytest.raises(TrackingError, match=next(iter(setting))):
+        replace(CONFIG, **setting)  # type: ignore[arg-type]
 
 
 def test_offsets_of_a_trusted_start_keep_the_part_at_its_depth(part: Part, model: PreparedPart) -> None:
