@@ -26,8 +26,8 @@ from acp_lab.tracking.method import method_named
 from acp_lab.tracking.search import WIDE_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
 
-ACCEPTED = 0.9
-"""From this score on a hypothesis counts as found."""
+ACCEPTED = 0.8
+"""From this score on a hypothesis counts as found. On frames of the tuning parts more than 97% of these are right."""
 ALIGNED, ALIGNED_NEAR = 12, 4
 LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
 """Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
