@@ -93,6 +93,13 @@ class FrameSolver:
         if box is None:
             return None
         view = replace(self.view(image, camera, prior, region, box), prior_information=information)
+        return self._seen(view)
+
+    def afresh(self, seen: SeenFrame) -> SeenFrame:
+        """The same frame, for a search: what targets keep of poses that they are asked for stays out of the other."""
+        return self._seen(seen.view)
+
+    def _seen(self, view: FrameView) -> SeenFrame:
         return SeenFrame(view, tuple(memory.see(view, self.knowledge) for memory in self._memories))
 
     def view(self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, box: tuple[int, ...]) -> FrameView:

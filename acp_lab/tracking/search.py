@@ -46,6 +46,10 @@ class PoseSolver(Protocol):
         """argmin e from an estimate."""
         ...
 
+    def afresh(self, seen: SeenFrame) -> SeenFrame:
+        """The same frame, for a search that leaves the other as it is."""
+        ...
+
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Stopwatch) -> Solution | None:
         """What the frame says of an estimate as it is."""
         ...
@@ -128,7 +132,9 @@ def search_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, clo
 
     A wide level moves a pose that is nearly right to edges that are not its own. So only those of the cloud that the
     frame agrees with best are solved, without the widest level, and what was found is refined by fine levels alone.
+    The frame is looked at afresh: how far lines across the outline are free is asked once, and not at poses of a cloud.
     """
+    seen = solver.afresh(seen)
 
     def agreement(solution: Solution) -> float:
         return solver.agreement(seen, _as_pose(solution), AGREEMENT_LEVEL)

@@ -22,6 +22,7 @@ from acp_lab.tracking.recovery import RING_PLAN
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import Cloud, SearchPlan, better, is_plausible, ring, search, search_around, search_cloud
 from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.targets.regions import RegionTarget
 from tests.made_parts import looking_at
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
 from tests.tracking.views import view_at
@@ -119,6 +120,17 @@ def test_a_search_in_a_cloud_comes_back_from_some_degrees(
     np.testing.assert_array_equal(found.cam_T_obj, again.cam_T_obj)
 
 
+def test_a_search_in_a_cloud_leaves_the_frame_as_it_was(
+    part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray
+) -> None:
+    """What regions keep of the first pose that asks for a line is not asked for by poses that are off."""
+    regions = next(target for target in seen.targets if isinstance(target, RegionTarget))
+    search_cloud(solver, seen, truth, CLOUD)
+    assert np.isnan(regions.free.mm).all()
+    search_around(solver, seen, truth, 4.0, 3)  # which has no frame of its own
+    assert not np.isnan(regions.free.mm).all()
+
+
 def test_a_cloud_scatters_as_wide_as_it_says(part: Part, truth: FloatArray) -> None:
     first, *others = Cloud(4.5, 0.06, 2000, 12, 3).around(truth, part)
     np.testing.assert_array_equal(first, truth)
@@ -166,6 +178,9 @@ class Noted:
         if self.blind and levels is None:
             return None
         return Solution(start, (Said(start.cam_T_obj[0, 3]),), 0.0, None)  # type: ignore[arg-type]
+
+    def afresh(self, seen: SeenFrame) -> SeenFrame:
+        return seen
 
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
         raise AssertionError("not asked for")
