@@ -104,7 +104,7 @@ class Reacquisition:
 
         last_seen: (4, 4), where the part was.
         """
-        found = [self._now(one.cam_T_obj, frame) for one in self._found]
+        found = [pose for one in self._found for pose in self._now(one.cam_T_obj, frame)]
         self._found = ()
         if found:
             self.look_around(found[0])
@@ -113,19 +113,22 @@ class Reacquisition:
             budget = self._go_on(frame, last_seen, budget)
         return found
 
-    def _now(self, cam_T_obj: FloatArray, frame: Frame) -> FloatArray:
-        """A pose (4, 4) in the frame that was searched, moved to where the part's picture is in this one."""
+    def _now(self, cam_T_obj: FloatArray, frame: Frame) -> list[FloatArray]:
+        """A pose (4, 4) in the frame that was searched; before it, moved to where the part's picture is in this one.
+
+        What passes in front of the part has a picture, too, so both are tried.
+        """
         searched = self._searched
         if searched is None or searched.camera != frame.camera:
-            return cam_T_obj
+            return [cam_T_obj]
         picture = take_picture(searched, self._corners_obj, cam_T_obj, PICTURE)
         shift_px = None if picture is None else picture.shift_in(frame.image, np.zeros(2), PICTURE)
-        if shift_px is None:
-            return cam_T_obj
+        if shift_px is None or np.linalg.norm(shift_px) < PICTURE.least_px:
+            return [cam_T_obj]
         centre_obj = self._model.part.box_centre
         depth = float(transform(cam_T_obj, centre_obj)[2])
         across = shift_px * depth / np.array([frame.camera.fx, frame.camera.fy])
-        return move_pose(cam_T_obj, centre_obj, np.array([0.0, 0.0, 0.0, *across, 0.0]))
+        return [move_pose(cam_T_obj, centre_obj, np.array([0.0, 0.0, 0.0, *across, 0.0])), cam_T_obj]
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
