@@ -197,6 +197,8 @@ class Tracker:
             # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
             self._predictor.restart(solution.cam_T_obj if fits else self._last_seen)
             self._carried = None
+            if fits:
+                self._remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
         else:
             self._predictor.observe(solution.cam_T_obj, quality, solution.information)
             self._carried = solution.estimate
@@ -398,11 +400,14 @@ class Tracker:
         if self.solver.knowledge.learns_from(solution.judgement.quality, self._mean_quality):
             for judgement in solution.judgements:
                 judgement.learn(trusted)
-            if not isinstance(self.method.sight, Off):
-                pose = solution.cam_T_obj
-                picture = take_picture(frame, self._corners_obj, pose, self.method.sight)
-                self._picture = None if picture is None else (picture, pose, frame.camera)
+            self._remember(frame, solution.cam_T_obj)
         clock.learn_s += clock.lap()
+
+    def _remember(self, frame: Frame, pose: FloatArray) -> None:
+        """Take the part's picture, in which the next frame looks for it."""
+        if not isinstance(self.method.sight, Off):
+            picture = take_picture(frame, self._corners_obj, pose, self.method.sight)
+            self._picture = None if picture is None else (picture, pose, frame.camera)
 
     def _result(
         self,

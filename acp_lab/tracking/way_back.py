@@ -2,27 +2,36 @@
 
 While a part is lost the detector looks for it, near where it was last seen and, in turns, all over the image and from
 any side. Every search is of one frame's image and spread over as many frames as its work takes. What it finds was
-there some frames ago, so it is a proposal: the tracker solves its present frame from it, with all that it knows of the
-part's look, and takes it only if that fits. Where it does not fit any more the part may have moved on: the next search
-is around there. While a frame fits nobody searches: the next one decides.
+there some frames ago, so it is moved to where the part's picture is now, and is a proposal: the tracker solves its
+present frame from it, with all that it knows of the part's look, and takes it only if that fits. Where it does not fit
+any more the part may have moved on: the next search is around there. While a frame fits nobody searches: the next one
+decides.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from acp_lab.cad.part import box_corners
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Errand
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
+from acp_lab.tracking.picture import PictureSearch, take_picture
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.sought import Sought
 
 PROPOSAL_WORK = 20_000.0
 """Of a frame that is solved from a proposal, see `detection.work`."""
+PICTURE = PictureSearch(reach=1.0)
+"""Of the part in the frame that was searched: a fast one moves by its own size until the search ends."""
 
 
 class _Search(Errand[tuple[Detection, ...]]):
@@ -30,7 +39,7 @@ class _Search(Errand[tuple[Detection, ...]]):
 
     def __init__(self, finder: Finder, frame: Frame, most: int, prior: PosePrior | None, aligned: int | None) -> None:
         super().__init__(finder.search(frame, most, prior, aligned))
-        self.prior = prior
+        self.frame, self.prior = frame, prior
 
 
 @dataclass(frozen=True)
@@ -59,6 +68,7 @@ class Reacquisition:
     def __init__(self, model: PreparedPart, config: WayBack) -> None:
         self._model, self._config = model, config
         self._finder: Finder | None = None
+        self._corners_obj = box_corners(model.part)
         self.forget()
 
     def prepare(self) -> None:
@@ -70,6 +80,7 @@ class Reacquisition:
         self._near: _Search | None = None
         self._wide: _Search | None = None
         self._found: tuple[Detection, ...] = ()
+        self._searched: Frame | None = None
         self._around: FloatArray | None = None
         self._wide_frames = self._wide_searches = 0
         self._prior: PosePrior | None = None
@@ -93,13 +104,31 @@ class Reacquisition:
 
         last_seen: (4, 4), where the part was.
         """
-        found, self._found = self._found, ()
+        found = [pose for one in self._found for pose in self._now(one.cam_T_obj, frame)]
+        self._found = ()
         if found:
-            self.look_around(found[0].cam_T_obj)
+            self.look_around(found[0])
         budget = self._config.budget - PROPOSAL_WORK * len(found)
         while budget > 0.0 and not self._found:
             budget = self._go_on(frame, last_seen, budget)
-        return [one.cam_T_obj for one in found]
+        return found
+
+    def _now(self, cam_T_obj: FloatArray, frame: Frame) -> list[FloatArray]:
+        """A pose (4, 4) in the frame that was searched; before it, moved to where the part's picture is in this one.
+
+        What passes in front of the part has a picture, too, so both are tried.
+        """
+        searched = self._searched
+        if searched is None or searched.camera != frame.camera:
+            return [cam_T_obj]
+        picture = take_picture(searched, self._corners_obj, cam_T_obj, PICTURE)
+        shift_px = None if picture is None else picture.shift_in(frame.image, np.zeros(2), PICTURE)
+        if shift_px is None or np.linalg.norm(shift_px) < PICTURE.least_px:
+            return [cam_T_obj]
+        centre_obj = self._model.part.box_centre
+        depth = float(transform(cam_T_obj, centre_obj)[2])
+        across = shift_px * depth / np.array([frame.camera.fx, frame.camera.fy])
+        return [move_pose(cam_T_obj, centre_obj, np.array([0.0, 0.0, 0.0, *across, 0.0])), cam_T_obj]
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
@@ -122,7 +151,7 @@ class Reacquisition:
         self._prior, self._began = search.prior, True
         if not search.is_done:
             return budget
-        self._best = next(iter(search.result or ()), None)
+        self._best, self._searched = next(iter(search.result or ()), None), search.frame
         self._found = tuple(one for one in search.result or () if one.score >= self._config.least_score)
         if search is self._near:
             self._near, self._wide_frames = None, WIDE_FRAMES

@@ -46,6 +46,7 @@ class Searched:
     def __init__(self, slices: int, score: float) -> None:
         self.slices, self.score = slices, score
         self.asked: list[float | None] = []
+        self.pose: FloatArray | None = None
 
     def search(
         self, frame: Frame, top: int, prior: object, aligned_most: int | None = None
@@ -55,6 +56,8 @@ class Searched:
             yield 1000.0
         pose = np.eye(4)
         pose[0, 3] = frame.index
+        if self.pose is not None:
+            pose = self.pose
         return (Detection(pose, self.score, np.array([0.0, 0.0, 1.0])),)
 
 
@@ -112,6 +115,24 @@ def test_what_was_found_is_proposed_in_the_next_frame_and_searched_around() -> N
     assert pose[0, 3] == 0.0  # of the frame that was searched
     assert finder.asked == [25.0, 25.0]
     assert way_back._around is None  # in use
+
+
+def test_what_was_found_is_proposed_where_its_picture_is_now() -> None:
+    """A fast part is elsewhere when the search of a frame ends; pictures of another camera are not compared."""
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    pose = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    moved = pose.copy()
+    moved[:2, 3] += 18.0, -12.0
+    images = [draw([(part, at)], k, LARGE) for k, at in enumerate((pose, moved))]
+    for camera, expected in ((LARGE, [moved, pose]), (replace(LARGE, fx=421.0), [pose])):
+        way_back, finder = searching(slices=8, score=0.9, budget=PROPOSAL_WORK + 5_000.0)
+        finder.pose = pose
+        assert way_back.proposals(Frame(0, images[0], LARGE), pose) == []
+        proposed = way_back.proposals(Frame(1, images[1], camera), pose)
+        assert len(proposed) == len(expected)
+        for one, there in zip(proposed, expected, strict=True):
+            assert np.linalg.norm(one[:3, 3] - there[:3, 3]) < 3.0
+            assert np.allclose(one[:3, :3], pose[:3, :3])
 
 
 def test_poor_hypotheses_are_not_proposed() -> None:
@@ -216,6 +237,24 @@ def test_a_leap_back_is_no_velocity(far_away: tuple[PreparedPart, list[ByteImage
     assert back.quality > ACP.states.found_above
     assert add_percent(model.part, back.cam_T_obj, beside) < 2.0
     assert add_percent(model.part, tracker.predicted, back.cam_T_obj) < 1.0
+
+
+def test_a_part_that_is_back_is_looked_for_by_its_new_picture(
+    far_away: tuple[PreparedPart, list[ByteImage], list[FloatArray]],
+) -> None:
+    """Nothing is known of how fast it is; a picture of before it was lost would be of another place and side."""
+    model, images, truth = far_away
+    tracker = Tracker(model)
+    tracker.start(Frame(0, images[0], LARGE), truth[0])
+    for k in range(1, 6):
+        tracker.track(Frame(k, images[7], LARGE))
+    beside = truth[0].copy()
+    beside[0, 3] += 7.0
+    back = tracker.track(Frame(6, draw([(model.part, beside)], 6, LARGE), LARGE))
+    assert back.state is TrackState.LOST  # it takes two frames
+    assert tracker._picture is not None
+    _, pose, _ = tracker._picture
+    assert add_percent(model.part, pose, beside) < 2.0
 
 
 def test_weak_poses_do_not_move_where_it_was_last_seen(
