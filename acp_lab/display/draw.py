@@ -75,6 +75,7 @@ _OFFERED: dict[str, tuple[str, ...]] = {
     "plots.manipulation": ("draw_way", "draw_ways", "draw_growth"),
     "plots.motion": ("draw_two_poses", "draw_step"),
     "plots.painting_bias": ("draw_painting_bias",),
+    "plots.pose_bound": ("BoundCurves", "bound_figure", "draw_bound"),
     "plots.pose_parameters": ("draw_pose_parameters", "draw_pose_errors"),
     "plots.redundancy": ("draw_view_tables", "draw_directions", "draw_drifts", "draw_descents"),
     "plots.sensitivity": (

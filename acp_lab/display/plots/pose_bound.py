@@ -57,7 +57,7 @@ def bound_figure(sequences: Sequence[BoundCurves], limit: float = 0.02) -> Figur
         axes.set_axis_off()
     if len(sequences):
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
         for axes in panels[::_COLUMNS]:
             axes.set_ylabel("ADD [% of diameter]", fontsize=8)
     return figure
