@@ -18,7 +18,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 
 from acp_lab.cad.mesh_file import read_mesh_file
@@ -267,6 +266,8 @@ def _can_end(points: FloatArray, largest: float) -> BoolArray:
     The direction of such a pair is within an angle delta of one of the directions tried. Along that one its ends are
     more than largest cos(delta) apart, so each lies within width - largest cos(delta) of that side of the points.
     """
+    import trimesh  # here, because it takes a while and most that know parts never get here
+
     sphere = trimesh.creation.icosphere(subdivisions=4).vertices
     directions = sphere[sphere[:, 2] > -1e-9]  # one half: a direction and its opposite are the same
     spacing = np.cos(np.radians(3.0))  # no direction is as far as this from one of them or from its opposite
