@@ -12,6 +12,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from PIL import Image
+
 from tests.browser.lab import CHROMIUM_FLAGS, PROJECT, Lab, lab_server
 
 OUT = PROJECT / "docs" / "images"
@@ -138,9 +140,16 @@ def take(lab: Lab, name: str, sample: str) -> None:
         lab.kernel(shot.then)
     panel.locator(shot.until).first.wait_for(state="attached")
     lab.page.wait_for_timeout(shot.wait_ms)
-    lab.shot(name, panel.locator(".jp-OutputArea-output").last)
+    _shrink(lab.shot(name, panel.locator(".jp-OutputArea-output").last))
     if name == "widget_live":
         lab.kernel("window.stop()")
+
+
+def _shrink(path: Path) -> None:
+    """To 256 colours: half the bytes, which every wheel carries."""
+    with Image.open(path) as picture:
+        few = picture.convert("RGB").quantize(256)
+    few.save(path, optimize=True)
 
 
 if __name__ == "__main__":
