@@ -227,7 +227,8 @@ def largest_distance(points: FloatArray) -> float:
         d^2 = 2 r_p^2 + 2 R^2 - (s^2 + 2 R^2 - 2 r_q^2),
 
     and the bracket is the squared distance from (-p, 0) to (q, sqrt(2 R^2 - 2 r_q^2)) in four dimensions. A tree
-    answers that in about log n, also on a sphere, where trying pairs takes n^2.
+    answers that in about log n, also on a sphere, where trying pairs takes n^2. (Bodies of constant width that are no
+    balls are the slow case.)
     """
     from scipy.spatial import KDTree
 

@@ -135,27 +135,44 @@ def search_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, clo
     The frame is looked at afresh: how far lines across the outline are free is asked once, and not at poses of a cloud.
     """
     seen = solver.afresh(seen)
-
-    def agreement(solution: Solution) -> float:
-        return solver.agreement(seen, _as_pose(solution), AGREEMENT_LEVEL)
-
-    poses = [seen.view.at_pose(pose) for pose in cloud.around(cam_T_obj, solver.part)]
-    looked = sorted(poses, key=lambda at: -solver.agreement(seen, at, LOOK_AROUND))
     plan = SearchPlan(_CLOUD_LEVELS, cloud.finalists, _FINE_LEVELS)
-    return search(solver, seen, looked[: cloud.solved], plan, agreement)
+    return search_among(solver, seen, cloud.around(cam_T_obj, solver.part), seen.view.at_pose, cloud.solved, plan)
+
+
+def search_among(
+    solver: PoseSolver,
+    seen: SeenFrame,
+    poses: Iterable[FloatArray],
+    at_pose: Callable[[FloatArray], Estimate],
+    solved: int,
+    plan: SearchPlan,
+    look: Level = LOOK_AROUND,
+    judge: Level = AGREEMENT_LEVEL,
+) -> Solution | None:
+    """The best solution from poses (4, 4); None when none of them sees the part.
+
+    at_pose: the estimate of a pose. solved: from how many the solver runs, those that the frame agrees with best.
+    look: how poses are judged; judge: how solutions are compared.
+    """
+
+    def agreement(cam_T_obj: FloatArray, level: Level) -> float:
+        return solver.agreement(seen, at_pose(cam_T_obj), level)
+
+    looked = sorted(poses, key=lambda pose: -agreement(pose, look))
+    starts = (at_pose(pose) for pose in looked[:solved])
+    return search(solver, seen, starts, plan, lambda solution: agreement(solution.cam_T_obj, judge))
 
 
 def ring(cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera, shift_px: float) -> tuple[FloatArray, ...]:
     """Poses (4, 4) whose part appears `shift_px` away from that of `cam_T_obj`, in a ring of eight directions."""
-    depth = transform(cam_T_obj, centre_obj)[2]
     angles = 2.0 * np.pi * np.arange(_RING) / _RING
-    steps = [
-        np.array(
-            [0.0, 0.0, 0.0, np.cos(a) * shift_px * depth / camera.fx, np.sin(a) * shift_px * depth / camera.fy, 0.0]
-        )
-        for a in angles
-    ]
-    return tuple(move_pose(cam_T_obj, centre_obj, step) for step in steps)
+    return tuple(shifted(cam_T_obj, centre_obj, camera, shift_px * np.array([np.cos(a), np.sin(a)])) for a in angles)
+
+
+def shifted(cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera, shift_px: FloatArray) -> FloatArray:
+    """The pose (4, 4) whose part appears `shift_px` (2,) away from that of `cam_T_obj`, at its distance."""
+    across = shift_px * transform(cam_T_obj, centre_obj)[2] / (camera.fx, camera.fy)
+    return move_pose(cam_T_obj, centre_obj, np.array([0.0, 0.0, 0.0, *across, 0.0]))
 
 
 def is_plausible(cam_T_obj: FloatArray, last: FloatArray, part: Part) -> bool:

@@ -24,10 +24,9 @@ from acp_lab.tracking.confidence import Confidence
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import AGREEMENT_LEVEL, WIDE_LEVELS, SearchPlan, search
+from acp_lab.tracking.search import AGREEMENT_LEVEL, LOOK_AROUND, WIDE_LEVELS, SearchPlan, search_among
 from acp_lab.tracking.solution import SeenFrame, Solution
 
-LOOK = Level(12, 5.0, 150)
 LAST_LEVELS = (Level(8, 2.0, 4000), Level(5, 1.0, 4000), Level(5, 1.0, 4000))
 
 
@@ -56,7 +55,7 @@ class SnapConfig:
     shift_px: float = 10.0
     depth_share: float = 0.06
     margin_px: float = 60.0
-    look: Level = LOOK
+    look: Level = LOOK_AROUND
     search_levels: tuple[Level, ...] = WIDE_LEVELS
     judge: Level = AGREEMENT_LEVEL
     last_levels: tuple[Level, ...] = LAST_LEVELS
@@ -134,11 +133,9 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
 def _search(solver: FrameSolver, seen: SeenFrame, start: FloatArray, config: SnapConfig) -> Solution | None:
     """The best solution from a cloud of poses; None when none of them sees the part."""
     cloud = _cloud(start, solver.part.box_centre, seen.view.camera, config)
-    looked = sorted(cloud, key=lambda pose: -_agreement(solver, seen, pose, config.look))
-    starts = [solver.at_pose(seen, pose) for pose in looked[: config.solved]]
     plan = SearchPlan(config.search_levels, config.refined, config.last_levels)
-    return search(
-        solver, seen, starts, plan, lambda solution: _agreement(solver, seen, solution.cam_T_obj, config.judge)
+    return search_among(
+        solver, seen, cloud, lambda pose: solver.at_pose(seen, pose), config.solved, plan, config.look, config.judge
     )
 
 

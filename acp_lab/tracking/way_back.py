@@ -19,13 +19,12 @@ from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Errand
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose import transform
-from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
 from acp_lab.tracking.picture import PictureSearch, take_picture
 from acp_lab.tracking.recovery import WayBack
+from acp_lab.tracking.search import shifted
 from acp_lab.tracking.sought import Sought
 
 PROPOSAL_WORK = 20_000.0
@@ -125,10 +124,7 @@ class Reacquisition:
         shift_px = None if picture is None else picture.shift_in(frame.image, np.zeros(2), PICTURE)
         if shift_px is None or np.linalg.norm(shift_px) < PICTURE.least_px:
             return [cam_T_obj]
-        centre_obj = self._model.part.box_centre
-        depth = float(transform(cam_T_obj, centre_obj)[2])
-        across = shift_px * depth / np.array([frame.camera.fx, frame.camera.fy])
-        return [move_pose(cam_T_obj, centre_obj, np.array([0.0, 0.0, 0.0, *across, 0.0])), cam_T_obj]
+        return [shifted(cam_T_obj, self._model.part.box_centre, frame.camera, shift_px), cam_T_obj]
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
