@@ -111,7 +111,14 @@ def _take_in(histogram: Float32Array, bins: Uint16Array, rate: float) -> None:
 @kernel("void(f4[::1], f4[::1], f8, f8, f4[::1])")
 def _odds(foreground: Float32Array, background: Float32Array, least: float, most: float, found: Float32Array) -> None:
     """Fill found, zeros before, with the log-odds of f / (f + b), which are those of f / b."""
+    highest = np.float32(np.exp(most))
     for k in range(len(found)):
         if foreground[k] != background[k]:
-            odds = np.log((foreground[k] + np.float32(least)) / (background[k] + np.float32(least)))
-            found[k] = min(max(odds, -np.float32(most)), np.float32(most))
+            inside, outside = foreground[k] + np.float32(least), background[k] + np.float32(least)
+            # Most colours are one side's alone, and need no logarithm.
+            if inside >= highest * outside:
+                found[k] = most
+            elif outside >= highest * inside:
+                found[k] = -most
+            else:
+                found[k] = np.log(inside / outside)

@@ -108,23 +108,36 @@ class CorrespondenceLines:
         return inwards, outwards
 
 
-@kernel("i8(u1[:, :, :], f8, f8)")
-def _nearest(pixels: ByteImage, x: float, y: float) -> int:
-    """The bin of the pixel that is nearest to (x, y), see `RegionColours.bins`; -1 outside."""
+@kernel("i8(u1, u1, u1)")
+def _bin(red: int, green: int, blue: int) -> int:
+    return ((red >> 3) << 10) | ((green >> 3) << 5) | (blue >> 3)
+
+
+@kernel("void(u1[:, :, :], f8, f8, f8, f8, f8, i8[::1])")
+def _bins_on(pixels: ByteImage, x: float, y: float, dx: float, dy: float, first: float, bins: IntArray) -> None:
+    """Fill bins (n,), see `RegionColours.bins`: pixels nearest to (x, y) + k (dx, dy), k from `first` on; -1 outside."""
     height, width, _ = pixels.shape
-    column, row = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
-    if not (0 <= column < width and 0 <= row < height):
-        return -1
-    red, green, blue = pixels[row, column, 0] >> 3, pixels[row, column, 1] >> 3, pixels[row, column, 2] >> 3
-    nearest: int = (red << 10) | (green << 5) | blue
-    return nearest
+    last = first + len(bins) - 1
+    low_x, high_x = min(x + first * dx, x + last * dx), max(x + first * dx, x + last * dx)
+    low_y, high_y = min(y + first * dy, y + last * dy), max(y + first * dy, y + last * dy)
+    if low_x >= 0.0 and high_x < width - 1 and low_y >= 0.0 and high_y < height - 1:
+        for k in range(len(bins)):
+            # Unsigned: no index can be meant from the end.
+            column, row = np.uint64(x + (first + k) * dx + 0.5), np.uint64(y + (first + k) * dy + 0.5)
+            bins[k] = _bin(pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2])
+    else:
+        for k in range(len(bins)):
+            at_x, at_y = np.floor(x + (first + k) * dx + 0.5), np.floor(y + (first + k) * dy + 0.5)
+            bins[k] = -1
+            if 0.0 <= at_x < width and 0.0 <= at_y < height:
+                column, row = np.uint64(at_x), np.uint64(at_y)
+                bins[k] = _bin(pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2])
 
 
-@kernel("f8(u1[:, :, :], f4[::1], f8, f8)")
-def _odds_at(pixels: ByteImage, log_odds: Float32Array, x: float, y: float) -> float:
-    """Log-odds at (x, y); 0 where nobody sees: a part that leaves the image does not end there."""
-    found = _nearest(pixels, x, y)
-    odds: float = log_odds[found] if found >= 0 else 0.0
+@kernel("f8(i8, f4[::1])")
+def _odds_of(bin_: int, log_odds: Float32Array) -> float:
+    """Log-odds of a bin; 0 where nobody sees: a part that leaves the image does not end there."""
+    odds: float = log_odds[np.uint64(bin_)] if bin_ >= 0 else 0.0
     return odds
 
 
@@ -134,25 +147,24 @@ def _posterior(
     fade: float, step: FloatArray, least_variance: float, found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (2, n): the posterior's mean in px, and its weight: a clean step's variance as a share of its own."""
-    segments, evidence = np.empty(_SEGMENTS), np.empty(_PLACES)
+    segments, evidence, bins = np.empty(_SEGMENTS), np.empty(_PLACES), np.empty(_SEGMENTS * scale, np.int64)
     first = -0.5 * (_SEGMENTS * scale - 1)
     for i in range(len(points)):
         if free[i] < 2.0 * scale:
             found[0, i], found[1, i] = 0.0, 0.0
             continue
+        _bins_on(pixels, points[i, 0], points[i, 1], outward[i, 0], outward[i, 1], first, bins)
         for segment in range(_SEGMENTS):
             total = 0.0
             for k in range(segment * scale, (segment + 1) * scale):
-                way = first + k
-                total += _odds_at(
-                    pixels, log_odds, points[i, 0] + way * outward[i, 0], points[i, 1] + way * outward[i, 1]
-                )
+                total += _odds_of(bins[k], log_odds)
             segments[segment] = min(max(total, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
         most = -np.inf
         for place in range(_PLACES):
-            evidence[place] = 0.0
+            total = 0.0
             for k in range(_WINDOW):
-                evidence[place] += segments[place + k] * step[k]
+                total += segments[np.uint64(place + k)] * step[np.uint64(k)]
+            evidence[place] = total
             most = max(most, evidence[place])
         total, mean, square = 0.0, 0.0, 0.0
         for place in range(_PLACES):
@@ -171,17 +183,14 @@ def _margin(
     pixels: ByteImage, log_odds: Float32Array, points: FloatArray, outward: FloatArray, free: FloatArray
 ) -> float:
     """See `CorrespondenceLines.margin`; free: (n,) px that are free on both sides."""
-    total = 0.0
+    total, bins = 0.0, np.empty(2 * _MARGIN_PX + 1, np.int64)
     for i in range(len(points)):
-        margin, count = 0.0, 0
-        for way in range(1, _MARGIN_PX + 1):
-            if way > free[i]:
-                break
-            x, y = way * outward[i, 0], way * outward[i, 1]
-            inside = _odds_at(pixels, log_odds, points[i, 0] - x, points[i, 1] - y)
-            outside = _odds_at(pixels, log_odds, points[i, 0] + x, points[i, 1] + y)
+        margin, count = 0.0, min(int(free[i]), _MARGIN_PX)
+        _bins_on(pixels, points[i, 0], points[i, 1], outward[i, 0], outward[i, 1], -_MARGIN_PX, bins)
+        for way in range(1, count + 1):
+            inside = _odds_of(bins[np.uint64(_MARGIN_PX - way)], log_odds)
+            outside = _odds_of(bins[np.uint64(_MARGIN_PX + way)], log_odds)
             margin += 1.0 / (1.0 + np.exp(-inside)) - 1.0 / (1.0 + np.exp(-outside))
-            count += 1
         total += margin / max(count, 1)
     return total / len(points)
 
@@ -191,12 +200,12 @@ def _bins_along(
     pixels: ByteImage, points: FloatArray, way: FloatArray, free: FloatArray, reach_px: int
 ) -> Uint16Array:  # fmt: skip
     """(m,) bins of the pixels at 1, 2, ... px along (n, 2) unit ways, less than `reach_px` and `free` (n,) away."""
-    found, count = np.empty(len(points) * max(reach_px, 0), np.uint16), 0
+    bins = np.empty(max(reach_px - 1, 0), np.int64)
+    found, count = np.empty(len(points) * len(bins), np.uint16), 0
     for i in range(len(points)):
-        for k in range(1, reach_px):
-            if k >= free[i]:
-                break
-            seen = _nearest(pixels, points[i, 0] + k * way[i, 0], points[i, 1] + k * way[i, 1])
+        along = bins[: min(len(bins), max(int(np.ceil(free[i])) - 1, 0))]
+        _bins_on(pixels, points[i, 0], points[i, 1], way[i, 0], way[i, 1], 1.0, along)
+        for seen in along:
             if seen < 0:
                 break
             found[count] = seen
