@@ -172,5 +172,5 @@ def crop_box(corners_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, mar
     if x1 < least or y1 < least or x0 > camera.width - least or y0 > camera.height - least:
         return None
     # A part that fills far more than the image is searched inside the image only; keep the numbers small.
-    x0, y0, x1, y1 = (float(np.clip(value, -1e4, 1e4)) for value in (x0, y0, x1, y1))
-    return int(x0), int(y0), int(x1) + 1, int(y1) + 1
+    x0, y0, x1, y1 = (int(min(max(value, -1e4), 1e4)) for value in (x0, y0, x1, y1))
+    return x0, y0, x1 + 1, y1 + 1

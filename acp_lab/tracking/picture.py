@@ -8,6 +8,7 @@ occluder can say something else, so the prediction decides whether that is belie
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import cv2
@@ -66,20 +67,28 @@ class PictureSearch:
 class Picture:
     """The part in one frame.
 
-    pixels: (h, w, 3) uint8, made smaller; corner: (x, y) px of the full image, its upper left; scale: px of the full
-    image per px of the picture.
+    cut: uint8 RGB, of the full image from the px `origin` (x, y) on, more than the picture. corner: (x, y) px of the
+    full image, the picture's upper left; size: (w, h) of it; scale: px of the full image per px of the picture.
     """
 
-    pixels: ByteImage
+    cut: ByteImage
+    origin: tuple[int, int]
     corner: tuple[float, float]
+    size: tuple[int, int]
     scale: float
+
+    @cached_property
+    def pixels(self) -> ByteImage:
+        """(h, w, 3) uint8, made smaller; not before it is searched, as most pictures never are."""
+        corner = self.corner[0] - self.origin[0], self.corner[1] - self.origin[1]
+        return _smaller(self.cut, corner, self.size, self.scale)
 
     def shift_in(self, image: ByteImage, expected_px: FloatArray, config: PictureSearch) -> FloatArray | None:
         """(2,) px from where the part was to where it is in an image (h, w, 3) RGB.
 
         expected_px: (2,) the same, as the motion has it. None where the picture is not recognised, or fits there, too.
         """
-        height, width = self.pixels.shape[:2]
+        width, height = self.size
         reach = int(np.ceil(config.reach * max(height, width)))
         # The searched picture's first pixel lies a whole number of small px from the old one's.
         x0, y0 = (corner - reach * self.scale for corner in self.corner)
@@ -110,7 +119,10 @@ def take_picture(frame: Frame, corners_obj: FloatArray, cam_T_obj: FloatArray, c
     width, height = int((x1 - x0) / scale), int((y1 - y0) / scale)
     if min(width, height) < _LEAST_SIDE:
         return None
-    return Picture(_smaller(frame.image, (x0, y0), (width, height), scale), (x0, y0), scale)
+    left, top, right, bottom = _read_for(frame.image, (x0, y0), (width, height), scale)
+    # A copy: whoever gave the frame may write into its image later.
+    cut = frame.image[top:bottom, left:right].copy()
+    return Picture(cut, (left, top), (x0, y0), (width, height), scale)
 
 
 def _core(low: float, high: float, share: float) -> tuple[float, float]:
@@ -120,13 +132,10 @@ def _core(low: float, high: float, share: float) -> tuple[float, float]:
 
 def _smaller(image: ByteImage, corner: tuple[float, float], size: tuple[int, int], scale: float) -> ByteImage:
     """(h, w, 3) of an image's rectangle from a corner (x, y), in px `scale` times as large; beyond it its border."""
-    width, height = size
-    (left, top), (rows, columns) = corner, image.shape[:2]
-    right, bottom = left + width * scale, top + height * scale
+    (width, height), (left, top) = size, corner
+    x0, y0, x1, y1 = _read_for(image, corner, size, scale)
     # Averaging first, over whole px, keeps fine patterns from beating with the coarse grid.
     step = max(int(scale), 1)
-    x0, y0 = max(int(left) - step, 0), max(int(top) - step, 0)
-    x1, y1 = min(int(right) + 2 * step, columns), min(int(bottom) + 2 * step, rows)
     if x1 - x0 < step or y1 - y0 < step:
         return np.zeros((height, width, 3), np.uint8)
     cut = image[y0:y1, x0:x1]
@@ -141,6 +150,20 @@ def _smaller(image: ByteImage, corner: tuple[float, float], size: tuple[int, int
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     small = cv2.warpAffine(mean, into, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(small, np.uint8)
+
+
+def _read_for(
+    image: ByteImage, corner: tuple[float, float], size: tuple[int, int], scale: float
+) -> tuple[int, int, int, int]:
+    """The rectangle x0, y0, x1, y1 of an image that `_smaller` reads, the last ones excluded."""
+    (left, top), (rows, columns), step = corner, image.shape[:2], max(int(scale), 1)
+    right, bottom = left + size[0] * scale, top + size[1] * scale
+    return (
+        max(int(left) - step, 0),
+        max(int(top) - step, 0),
+        min(int(right) + 2 * step, columns),
+        min(int(bottom) + 2 * step, rows),
+    )
 
 
 def _peak(values: Float32Array, at: int) -> float:

@@ -101,7 +101,7 @@ class ShareSchedule:
 
 def scaled(levels: tuple[Level, ...], size_px: float) -> tuple[Level, ...]:
     """Levels for a part of size_px in the image: as they are from 150 px on, down to half below; never too fine."""
-    scale = float(np.clip(size_px / FULL_SIZE_PX, 0.5, 1.0))
+    scale = min(max(size_px / FULL_SIZE_PX, 0.5), 1.0)
     return tuple(
         replace(
             level,

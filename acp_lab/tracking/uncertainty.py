@@ -51,12 +51,13 @@ class PoseUncertainty:
         """
         towards = np.concatenate([np.zeros(3), centre_cam / radius_mm])
         # A direction that the image says nothing of is as uncertain as can be, not infinitely so.
-        known = information + np.diag(1e-9 * np.diag(information) + 1e-9)
+        known = information.copy()
+        known.flat[::7] += 1e-9 * known.diagonal() + 1e-9
         covariance = self.image * np.linalg.inv(known)
-        covariance += self.outline_mm**2 * np.outer(towards, towards)
+        covariance += self.outline_mm**2 * towards[:, None] * towards
         mm_per_px = centre_cam[2] / camera.fx
-        covariance[:3, :3] += np.eye(3) * (self.turn_px * mm_per_px / radius_mm) ** 2
-        covariance[3:, 3:] += np.eye(3) * (self.shift_px * mm_per_px) ** 2
+        turn, shift = (self.turn_px * mm_per_px / radius_mm) ** 2, (self.shift_px * mm_per_px) ** 2
+        covariance.flat[::7] += (turn, turn, turn, shift, shift, shift)
         return np.asarray(0.5 * (covariance + covariance.T))
 
 

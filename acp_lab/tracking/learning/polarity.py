@@ -79,7 +79,7 @@ class EdgePolarity:
         found = _fit_shift(
             plain(gradients), plain(outward), plain(residuals_px), plain(jacobian), doubt, config.scatter_px, before
         )
-        self.shift_px = float(np.clip(before + rate * found, -config.largest_px, config.largest_px))
+        self.shift_px = min(max(before + rate * found, -config.largest_px), config.largest_px)
         return self.shift_px - before
 
 

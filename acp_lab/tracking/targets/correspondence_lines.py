@@ -115,7 +115,7 @@ def _bin(red: int, green: int, blue: int) -> int:
 
 @kernel("void(u1[:, :, :], f8, f8, f8, f8, f8, i8[::1])")
 def _bins_on(pixels: ByteImage, x: float, y: float, dx: float, dy: float, first: float, bins: IntArray) -> None:
-    """Fill bins (n,), see `RegionColours.bins`: pixels nearest to (x, y) + k (dx, dy), k from `first` on; -1 outside."""
+    """Fill bins (n,), see `RegionColours.bins`: of the pixels at (x, y) + k (dx, dy), k from `first` on; -1 outside."""
     height, width, _ = pixels.shape
     last = first + len(bins) - 1
     low_x, high_x = min(x + first * dx, x + last * dx), max(x + first * dx, x + last * dx)

@@ -158,7 +158,7 @@ class RegionMemory:
     def gate(self) -> float:
         """In [0, 1]: how much the colours may say at all."""
         low, high = self.config.margin
-        return float(np.clip((self.margin - low) / (high - low), 0.0, 1.0)) if self.colours.is_known else 0.0
+        return min(max((self.margin - low) / (high - low), 0.0), 1.0) if self.colours.is_known else 0.0
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> RegionTarget:
         """The target of one frame."""
