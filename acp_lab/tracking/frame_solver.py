@@ -19,7 +19,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.tracking.frame_view import Estimate, FrameView, crop_box
+from acp_lab.tracking.frame_view import Box, Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
 from acp_lab.tracking.method import Method, Schedule
 from acp_lab.tracking.pose_descent import pose_level
@@ -33,6 +33,8 @@ from acp_lab.tracking.targets import Measure
 
 # Fewer edge points than this cannot fix six degrees of freedom with any safety.
 MIN_EDGES = 12
+# Beyond the farthest edge that is searched: the grey beside it, and what the image's filters need.
+_ROOM_PX = 9
 
 
 class FrameSolver:
@@ -82,17 +84,22 @@ class FrameSolver:
         region: int,
         margin_px: float | None = None,
         information: FloatArray | None = None,
+        levels: tuple[Level, ...] | None = None,
     ) -> SeenFrame | None:
         """The frame around the part at a prior pose (4, 4).
 
-        information: (6, 6) how sure the prior is, see `frame_view.View`. None where the part is behind the camera or
-        outside the image.
+        information: (6, 6) how sure the prior is, see `frame_view.View`. levels: those that it will be solved with,
+        from the prior, where these are not the method's. None where the part is behind the camera or outside the image.
         """
         margin_px = self.method.margin_px if margin_px is None else margin_px
         box = crop_box(self._corners_obj, prior, camera, margin_px)
         if box is None:
             return None
         view = replace(self.view(image, camera, prior, region, box), prior_information=information)
+        if levels is not None:
+            # The less of the image is filtered the better; colours beside the part are read as they are.
+            inset = int(margin_px) - max(level.reach_px for level in levels) - _ROOM_PX
+            view = replace(view, edge_box=_inset(box, max(inset, 0)))
         return self._seen(view)
 
     def afresh(self, seen: SeenFrame) -> SeenFrame:
@@ -104,6 +111,7 @@ class FrameSolver:
 
     def view(self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, box: tuple[int, ...]) -> FrameView:
         """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1)."""
+        inside: Box = (box[0], box[1], box[2], box[3])
         return FrameView(
             camera,
             prior,
@@ -112,7 +120,8 @@ class FrameSolver:
             self.part,
             self.source.canonical_size,
             image=image,
-            box=(box[0], box[1], box[2], box[3]),
+            box=inside,
+            edge_box=inside,
         )
 
     def at_pose(self, seen: SeenFrame, cam_T_obj: FloatArray) -> Estimate:
@@ -217,6 +226,10 @@ class FrameSolver:
 
     def _reported_loss(self, measures: list[Measure], edges: GeneratedEdges) -> float:
         return sum(measure.reported_loss(edges) for measure in measures)
+
+
+def _inset(box: Box, by_px: int) -> Box:
+    return box[0] + by_px, box[1] + by_px, box[2] - by_px, box[3] - by_px
 
 
 def _left_out(levels: tuple[Level, ...] | None, schedule: Schedule) -> int:

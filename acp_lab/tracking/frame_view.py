@@ -152,11 +152,12 @@ class FrameView(View):
 
     Attributes:
         image: (h, w, 3) uint8 RGB, the whole frame.
-        box: what is looked at.
+        box: what is looked at. edge_box: where in it edges are searched.
     """
 
     image: ByteImage
     box: Box
+    edge_box: Box
 
 
 def crop_box(corners_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, margin_px: float) -> Box | None:

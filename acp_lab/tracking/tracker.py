@@ -261,10 +261,15 @@ class Tracker:
         return f"view region {natural} {NOT_PREPARED}: that of region {self._region} is used; accuracy will fall"
 
     def _look(
-        self, frame: Frame, prior: FloatArray, clock: Stopwatch, information: FloatArray | None = None
+        self,
+        frame: Frame,
+        prior: FloatArray,
+        clock: Stopwatch,
+        information: FloatArray | None = None,
+        levels: tuple[Level, ...] | None = None,
     ) -> SeenFrame | None:
         clock.lap()
-        seen = self.solver.look(frame.image, frame.camera, prior, self._region, information=information)
+        seen = self.solver.look(frame.image, frame.camera, prior, self._region, None, information, levels)
         clock.image_s += clock.lap()
         return seen
 
@@ -294,7 +299,7 @@ class Tracker:
     ) -> Solution | None:
         """A try from the predicted pose or the control points that were carried on; levels: None for the method's."""
         before, self._region = self._region, self.solver.choose_region(predicted, self._region)
-        seen = self._look(frame, predicted, clock, self._predictor.information())
+        seen = self._look(frame, predicted, clock, self._predictor.information(), levels)
         if seen is None:
             return None
         # Another region has another W, so I begins anew as the projection of the pose.

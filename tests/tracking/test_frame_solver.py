@@ -28,7 +28,7 @@ from acp_lab.tracking.solvers import GaussNewton
 from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.targets.distance_map import DistanceMap
-from acp_lab.tracking.targets.normals import NormalSearch
+from acp_lab.tracking.targets.normals import NormalSearch, NormalTarget
 from tests.made_parts import looking_at
 from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
 
@@ -82,6 +82,27 @@ def test_the_solver_comes_back_to_the_truth(
         assert found.quality > 0.7
         assert 0.0 <= found.loss < 0.4
         assert 3 < found.iterations <= 3 * 3  # levels times steps, of which a tiny one is a level's last
+
+
+def test_a_search_nearby_needs_less_of_the_image_filtered(
+    part: Part, solver: FrameSolver, frame: Frame, truth: FloatArray
+) -> None:
+    assert isinstance(solver.method.schedule, PixelSchedule)
+    near = solver.method.schedule.near
+    prior = disturb_pose(truth, part.box_centre, 0.5, 0.5, np.random.default_rng(0))
+    whole, less = (solver.look(frame.image, frame.camera, prior, REGION, levels=levels) for levels in (None, near))
+    assert whole is not None
+    assert less is not None
+    sizes = []
+    for seen in (whole, less):
+        assert isinstance(seen.targets[0], NormalTarget)
+        sizes.append(seen.targets[0].patch.channels.size)
+    assert sizes[1] < 0.8 * sizes[0]
+    found = [solver.solve(seen, seen.view.at_pose(prior), Stopwatch(), near) for seen in (whole, less)]
+    assert found[0] is not None
+    assert found[1] is not None
+    np.testing.assert_allclose(found[1].cam_T_obj, found[0].cam_T_obj, atol=1e-8)
+    assert found[1].score == pytest.approx(found[0].score, abs=1e-9)
 
 
 def test_an_estimate_is_judged_worse_away_from_the_truth(

@@ -77,7 +77,8 @@ class NormalSearch:
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
         """The target of one frame."""
-        return NormalTarget(image_patch(view.image, view.box, self.search.blur_px, self.search.gamma), self, knowledge)
+        patch = image_patch(view.image, view.edge_box, self.search.blur_px, self.search.gamma)
+        return NormalTarget(patch, self, knowledge)
 
 
 class NormalTarget:

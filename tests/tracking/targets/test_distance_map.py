@@ -198,7 +198,8 @@ def test_a_measure_weighs_distances_by_its_loss_and_the_levels_alpha(
 def test_a_methods_edge_map_is_made_of_the_views_box_as_it_is_set(square: ByteImage) -> None:
     """Blur, denoiser, bins: each gives another map than the usual one; the crop is the view's."""
     camera = Camera(90, 70, 100.0, 100.0, 44.5, 34.5)
-    view = FrameView(camera, np.eye(4), 4, np.zeros((4, 3)), box(), image=square, box=(20, 10, 75, 65))
+    inside = (20, 10, 75, 65)
+    view = FrameView(camera, np.eye(4), 4, np.zeros((4, 3)), box(), image=square, box=inside, edge_box=inside)
     usual = EdgeMapConfig()
     for config in (
         usual,

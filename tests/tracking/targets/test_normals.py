@@ -43,7 +43,10 @@ def at(part: Part, sequence: MadeSequence) -> Estimate:
     plain = view_at(part, sequence.first_pose)
     box = crop_box(box_corners(part), plain.prior, CAMERA, 32.0)
     assert box is not None
-    return prior_of(FrameView(CAMERA, plain.prior, plain.region, plain.points_obj, part, image=frame.image, box=box))
+    view = FrameView(
+        CAMERA, plain.prior, plain.region, plain.points_obj, part, image=frame.image, box=box, edge_box=box
+    )
+    return prior_of(view)
 
 
 @pytest.fixture
