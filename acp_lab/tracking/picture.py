@@ -2,7 +2,8 @@
 
 A part that moves fast is blurred and far from where its motion was expected, but it looks much as it did a frame ago.
 Normalised cross-correlation of a small picture of it says how far it went, to a few px, whatever its edges do. A moving
-occluder can say something else, so the prediction decides whether that is believed (`kalman.PoseKalman.sight`).
+occluder can say something else, so the prediction decides whether that is believed (`kalman.PoseKalman.sight`), and a
+frame that then fits worse than usual is also solved without it.
 """
 
 from __future__ import annotations

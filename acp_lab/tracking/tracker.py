@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from copy import copy
 
 import numpy as np
 
@@ -284,15 +285,25 @@ class Tracker:
         """The predicted pose, and the first try from there.
 
         From a sure prediction the part is not looked for, and of the levels only the last is asked, as the others find
-        the way; unless the frame then fits worse than usual.
+        the way; unless the frame then fits worse than usual. Else the part's last picture corrects the prediction.
         """
         schedule, short = self.method.schedule, None
         if isinstance(schedule, PixelSchedule) and self._predictor.is_sure(frame.camera):
             short = self._solve(frame, self.predicted, clock, schedule.near)
             if short is not None and short.score >= _USUAL * min(self._mean_score, self._last_score):
                 return self.predicted, short
-        self._sight(frame, clock)
-        return self.predicted, better(short, self._solve(frame, self.predicted, clock))
+        unsighted = copy(self._predictor)
+        was_sighted = self._sight(frame, clock)
+        found = better(short, self._solve(frame, self.predicted, clock))
+        if was_sighted and (found is None or found.score < _USUAL * min(self._mean_score, self._last_score)):
+            # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
+            sighted, self._predictor = self._predictor, unsighted
+            unled = self._solve(frame, self.predicted, clock)
+            if better(found, unled) is found:
+                self._predictor = sighted
+            else:
+                found = unled
+        return self.predicted, found
 
     def _solve(
         self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None
@@ -383,15 +394,15 @@ class Tracker:
         clock.image_s += clock.lap()
         return steady
 
-    def _sight(self, frame: Frame, clock: Stopwatch) -> None:
-        """Correct the prediction by where the part's last picture is in the new frame."""
-        config = self.method.sight
+    def _sight(self, frame: Frame, clock: Stopwatch) -> bool:
+        """Correct the prediction by where the part's last picture is in the new frame; whether there was need to."""
+        config, before = self.method.sight, self.predicted
         if isinstance(config, Off) or self._picture is None:
-            return
+            return False
         clock.lap()
         picture, pose, camera = self._picture
         if frame.camera != camera:
-            return  # places in the two images cannot be compared
+            return False  # places in the two images cannot be compared
         centres_cam = [transform(at, self.part.box_centre) for at in (pose, self.predicted)]
         before_px, expected_px = frame.camera.project(np.array(centres_cam))
         if np.isfinite(before_px + expected_px).all():
@@ -399,6 +410,7 @@ class Tracker:
             if shift_px is not None and np.linalg.norm(before_px + shift_px - expected_px) > config.least_px:
                 self._predictor.sight(frame.camera, before_px + shift_px, config.scatter_px, config.doubt)
         clock.image_s += clock.lap()
+        return self.predicted is not before
 
     def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()

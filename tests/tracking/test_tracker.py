@@ -30,7 +30,7 @@ from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.motions import ControlPointVariables
-from acp_lab.tracking.picture import Picture
+from acp_lab.tracking.picture import Picture, PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.schedule import Level
@@ -681,6 +681,31 @@ def test_a_sure_prediction_is_solved_by_the_last_level_and_a_poor_fit_by_all(
     result = tracker.track(Frame(5, draw([(part, jumped)], 4), CAMERA))
     assert counts[:2] == [1, 3]
     assert add_percent(part, result.cam_T_obj, jumped) < 2.0
+
+
+@pytest.mark.parametrize("wrong_px", [30.0, -35.0])
+def test_a_picture_that_was_found_elsewhere_does_not_lead_the_part_astray(
+    part: Part, model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch, wrong_px: float
+) -> None:
+    """A blurred picture fits something else as well, and near enough that a filter which is unsure believes it."""
+    truth, images = truth_of(sequence), images_of(sequence)
+    alone = replace(ACP, recovery=Off())
+    tracker, unled = Tracker(model, alone), Tracker(model, replace(alone, sight=Off()))
+    for each in (tracker, unled):
+        each.start(Frame(0, images[0], CAMERA), truth[0])
+
+    def elsewhere(_: Picture, image: ByteImage, expected_px: FloatArray, config: PictureSearch) -> FloatArray:
+        return expected_px + (wrong_px, 0.0)
+
+    monkeypatch.setattr(Picture, "shift_in", elsewhere)
+    sights = list[bool]()
+    sight = Tracker._sight
+    monkeypatch.setattr(Tracker, "_sight", lambda *given: sights.append(sight(*given)) or sights[-1])
+    result, expected = (each.track(Frame(1, images[1], CAMERA)) for each in (tracker, unled))
+    assert sights == [True, False], "it is believed"
+    assert add_percent(part, result.cam_T_obj, truth[1]) < 2.0
+    np.testing.assert_allclose(result.cam_T_obj, expected.cam_T_obj, atol=1e-6)
+    np.testing.assert_allclose(tracker.predicted, unled.predicted, atol=1e-6)
 
 
 def test_a_picture_is_not_searched_with_another_camera(
