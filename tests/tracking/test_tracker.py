@@ -695,7 +695,7 @@ def test_a_picture_that_was_found_elsewhere_does_not_lead_the_part_astray(
         each.start(Frame(0, images[0], CAMERA), truth[0])
 
     def elsewhere(_: Picture, image: ByteImage, expected_px: FloatArray, config: PictureSearch) -> FloatArray:
-        return expected_px + (wrong_px, 0.0)
+        return expected_px + np.array([wrong_px, 0.0])
 
     monkeypatch.setattr(Picture, "shift_in", elsewhere)
     sights = list[bool]()
