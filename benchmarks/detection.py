@@ -7,8 +7,8 @@ Each scene gives frames that are spread evenly over it; a hypothesis is right wh
 is below 10% of the diameter. Rows: each scene, each data set, each size of image, both halves of the parts (see
 `robustness.CHECKING`), each half's backgrounds, and all. With --absent some of the frames of each scene, so many in
 all, are also searched for a part of another scene; with --prior each for its own part near the true pose turned by 15
-degrees and 10% farther. With --auto the first ten frames are searched until the part is accepted in one, as `acp-lab
-track --init auto` does. PARTS holds prepared parts, or one folder of them per data set. What was found in a scene is
+degrees and 10% farther. With --auto the first ten frames are searched until the part is accepted, as `acp-lab track
+--init auto` does. PARTS holds prepared parts, or one folder of them per data set. What was found in a scene is
 appended to --results, and not searched again. Times are CPU seconds of one thread; templates are made before.
 """
 
@@ -35,7 +35,8 @@ from acp_lab.geometry.pose import transform  # noqa: E402
 from acp_lab.geometry.pose_step import move_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
-from acp_lab.tracking.find import ACCEPTED, Detection, Finder  # noqa: E402
+from acp_lab.tracking.find import ACCEPTED, Finder  # noqa: E402
+from acp_lab.tracking.first_pose import FirstPose  # noqa: E402
 from acp_lab.tracking.way_back import Reach  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import is_in_split  # noqa: E402
@@ -106,7 +107,7 @@ def main() -> None:
     if args.record:
         about = "hypotheses of acp_lab.detect on frames of each scene, depth 250 to 1200 mm, no pose given"
         if args.auto:
-            about = "the first accepted hypothesis within the first ten frames of each scene, no pose given"
+            about = "the first accepted pose within the first ten frames of each scene, no pose given"
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"detection.{args.record}", about, UNIT, names, values)
 
@@ -196,11 +197,12 @@ def _auto(scenes: list[BopScene], finders: Finders) -> dict[str, dict[str, float
 
 
 def _first_accepted(finder: Finder, scene: BopScene) -> bool | None:
-    """Whether the first accepted hypothesis of a scene is right; None where there is none."""
+    """Whether the first accepted pose of a scene is right; None where there is none."""
+    search = FirstPose(finder)
     for frame in islice(scene.frames(), AUTO_FRAMES):
-        found = finder.find(frame, 1) if isinstance(frame, Frame) else ()
-        if found and found[0].is_accepted:
-            return _is_right(finder, scene, frame.index, found[0])
+        pose = search.look(frame)
+        if pose is not None:
+            return _is_right(finder, scene, frame.index, pose)
     return None
 
 
@@ -220,7 +222,7 @@ def _search(finder: Finder, scene: BopScene, frame: Frame, with_prior: bool = Fa
     begin = time.process_time()
     found = finder.find(frame, 3, prior)
     time_s = time.process_time() - begin
-    right = tuple(_is_right(finder, scene, frame.index, one) for one in found)
+    right = tuple(_is_right(finder, scene, frame.index, one.cam_T_obj) for one in found)
     size, half = f"{frame.camera.width}x{frame.camera.height}", _half(scene)
     rows = (scene.dataset.name, half, f"{half}, background {_background(scene)}", size, "all")
     labels = (f"{scene.dataset.name} {scene.scene_id}", *rows)
@@ -237,9 +239,9 @@ def _disturbed(finder: Finder, scene: BopScene, frame: Frame) -> FloatArray:
     return move_pose(truth, centre, np.concatenate([turn, away]))
 
 
-def _is_right(finder: Finder, scene: BopScene, frame_id: int, one: Detection) -> bool:
+def _is_right(finder: Finder, scene: BopScene, frame_id: int, cam_T_obj: FloatArray) -> bool:
     truth = scene.truth(frame_id, scene.object_ids[0])
-    return truth is not None and PartMetric(finder.model.part, 500).share(one.cam_T_obj, truth) < RIGHT
+    return truth is not None and PartMetric(finder.model.part, 500).share(cam_T_obj, truth) < RIGHT
 
 
 def _background(scene: BopScene) -> str:

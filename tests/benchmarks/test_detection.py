@@ -40,7 +40,7 @@ class Told:
         self.asked.append(frame.index)
         pose = true_pose(frame.index).copy()
         pose[0, 3] += self.off_mm
-        return (Detection(pose, ACCEPTED if frame.index == self.frame_id else 0.5, SIDE),)
+        return (Detection(pose, ACCEPTED if frame.index == self.frame_id else 0.4, SIDE),)
 
 
 def true_pose(frame_id: int) -> FloatArray:
