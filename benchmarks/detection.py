@@ -2,6 +2,7 @@
 
     python -m benchmarks.detection metal_public metal_hard --parts out/parts --absent 100 --record all
     python -m benchmarks.detection metal_public metal_hard --parts out/parts --auto --record auto
+    python -m benchmarks.detection metal_public metal_hard --parts out/parts --memory --record memory
 
 Each scene gives frames that are spread evenly over it; a hypothesis is right when its ADD (ADD-S for symmetric parts)
 is below 10% of the diameter. Rows: each scene, each data set, each size of image, both halves of the parts (see
@@ -9,18 +10,23 @@ is below 10% of the diameter. Rows: each scene, each data set, each size of imag
 all, are also searched for a part of another scene; with --prior each for its own part near the true pose turned by 15
 degrees and 10% farther. With --auto the first ten frames are searched until the part is accepted, as `acp-lab track
 --init auto` does. PARTS holds prepared parts, or one folder of them per data set. What was found in a scene is
-appended to --results, and not searched again. Times are CPU seconds of one thread; templates are made before.
+appended to --results, and not searched again. Times are CPU seconds of one thread; templates are made before. With
+--memory `acp-lab detect` searches one frame of each size in a process of its own.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
+from subprocess import Popen
+from tempfile import TemporaryDirectory
 
 from acp_lab.commands.machine import limit_threads
 
@@ -60,6 +66,7 @@ UNIT = {
     "sequences": "sequences",
     "found": "sequences whose part is accepted within ten frames, with ADD below 10%",
     "wrong": "sequences whose part is accepted with a larger one",
+    "memory": "MB, the most that the process held",
 }
 
 
@@ -92,6 +99,7 @@ def main() -> None:
     parser.add_argument("--absent", type=int, default=0, metavar="FRAMES")
     parser.add_argument("--prior", action="store_true")
     parser.add_argument("--auto", action="store_true")
+    parser.add_argument("--memory", action="store_true")
     parser.add_argument("--results", type=Path, metavar="FILE.jsonl")
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
@@ -101,13 +109,18 @@ def main() -> None:
         for scene_id in (args.scene or BopDataset(root).scenes())
         for scene in [BopDataset(root).open_scene(scene_id)]
     ]
-    values = _auto(scenes, Finders(args.parts)) if args.auto else _table(scenes, Finders(args.parts), args)
+    if args.memory:
+        values = _memory(scenes, args.parts)
+    else:
+        values = _auto(scenes, Finders(args.parts)) if args.auto else _table(scenes, Finders(args.parts), args)
     for label, row in values.items():
         print(label, row)
     if args.record:
         about = "hypotheses of acp_lab.detect on frames of each scene, depth 250 to 1200 mm, no pose given"
         if args.auto:
             about = "the first accepted pose within the first ten frames of each scene, no pose given"
+        if args.memory:
+            about = "acp-lab detect on one frame, one part, no pose given"
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"detection.{args.record}", about, UNIT, names, values)
 
@@ -194,6 +207,27 @@ def _auto(scenes: list[BopScene], finders: Finders) -> dict[str, dict[str, float
         label: {"sequences": len(of_one), "found": of_one.count(True), "wrong": of_one.count(False)}
         for label, of_one in sorted(outcomes.items(), key=lambda entry: entry[0] == "all")
     }
+
+
+def _memory(scenes: list[BopScene], parts: Path) -> dict[str, dict[str, float]]:
+    """By size of the image. A process counts what its parent held when it began, so nothing is loaded before."""
+    first = dict[str, BopScene]()
+    for scene in scenes:
+        camera = scene.frame(scene.frame_ids[0]).camera
+        if camera is not None:
+            first.setdefault(f"{camera.width}x{camera.height}", scene)
+    values = {}
+    for size, scene in first.items():
+        folder = parts / scene.dataset.name
+        with TemporaryDirectory() as out:
+            command = [sys.executable, "-m", "acp_lab", "detect", str(scene.dataset.root), "--out", f"{out}/found.csv"]
+            options = ["--parts", str(folder if folder.is_dir() else parts), "--scene", str(scene.scene_id)]
+            process = Popen([*command, *options, "--step", "1000"])
+            _, status, used = os.wait4(process.pid, 0)
+            if status:
+                raise SystemExit(f"acp-lab detect failed on {scene.dataset.name} {scene.scene_id}")
+        values[size] = {"memory": used.ru_maxrss / 1024.0}
+    return values
 
 
 def _first_accepted(finder: Finder, scene: BopScene) -> bool | None:
