@@ -56,6 +56,12 @@ class StateMachine:
         self._low = self.config.patience - 1
         return self.update(quality)
 
+    def may_begin_to_track(self, quality: float) -> bool:
+        """Whether a frame of that quality may make a part that is lost, or weak and not doubted yet, a tracked one."""
+        if self.state is TrackState.LOST:
+            return True
+        return self.state is TrackState.WEAK and not self.doubted and quality > self.config.tracking_above
+
     def lose(self, reason: str) -> str:
         """The part is somewhere else, however well the last frame fitted; the reason when the state changed."""
         before, self.state, self._lost, self._high = self.state, TrackState.LOST, 1, 0

@@ -184,8 +184,8 @@ class Tracker:
             if not self._is_lost or self._way_back is None:
                 solution = self._recover(frame, predicted, solution, clock)
         quality = 0.0 if solution is None else self._quality(solution)
-        if self._is_lost and self._way_back is not None and solution is not None:
-            self._states.doubted = self._way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
+        if solution is not None and self._states.may_begin_to_track(quality):
+            self._states.doubted = self._doubts(frame, solution, quality)
         note = self._states.update(quality)
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
@@ -358,6 +358,11 @@ class Tracker:
         proposals = self._way_back.proposals(frame, self._last_seen)
         clock.search_s += clock.lap()
         return proposals
+
+    def _doubts(self, frame: Frame, solution: Solution, quality: float) -> bool:
+        """Whether a part that was lost or weak needs a second look."""
+        way_back = self._way_back
+        return way_back is not None and way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
 
     def _look_again(self, frame: Frame, solution: Solution, clock: Stopwatch) -> str:
         """Whether a part that came back elsewhere is it; the reason when the state changed."""

@@ -7,10 +7,10 @@ present frame from it, with all that it knows of the part's look, and takes it o
 any more the part may have moved on: the next search is around there. While a frame fits nobody searches: the next one
 decides.
 
-A part that is back where it was is believed, and so is one that fits very well. Elsewhere something else may look
-like it, above all from a side from which it shows little: a plate's edge on a cable. There it stays weak, and teaches
-nothing, until a second look: the detector searches a frame of the return, and the pose has to win against all that it
-finds.
+A part that is back where it was, after it was lost or weak, is believed, and so is one that fits very well. Elsewhere
+something else may look like it, above all from a side from which it shows little: a plate's edge on a cable. There it
+stays weak, and teaches nothing, until a second look: the detector searches a frame of the return, and the pose has to
+win against all that it finds.
 """
 
 from __future__ import annotations
@@ -213,7 +213,8 @@ class Reacquisition:
         if not search.is_done:
             return budget
         self._best, self._searched = next(iter(search.result or ()), None), search.frame
-        self._found = tuple(one for one in search.result or () if one.score >= self._config.least_score)
+        least = self._config.least_score_near if search is self._near else self._config.least_score
+        self._found = tuple(one for one in search.result or () if one.score >= least)
         if search is self._near:
             self._near, self._wide_frames = None, WIDE_FRAMES
         else:

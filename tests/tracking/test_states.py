@@ -143,3 +143,16 @@ def test_a_part_that_is_elsewhere_is_lost_at_once_and_needs_its_proof_again() ->
         assert machine.state is L
     machine.update(0.9)
     assert machine.state is T
+
+
+def test_a_weak_part_may_begin_to_be_tracked_only_where_it_fits() -> None:
+    machine = StateMachine(CONFIG)
+    assert not machine.may_begin_to_track(0.9)  # it is tracked already
+    machine.update(0.35)
+    assert machine.state is W
+    assert not machine.may_begin_to_track(0.45)
+    assert machine.may_begin_to_track(0.55)
+    machine.doubted = True
+    assert not machine.may_begin_to_track(0.55)
+    machine.lose("")
+    assert machine.may_begin_to_track(0.0)

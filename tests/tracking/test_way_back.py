@@ -30,7 +30,7 @@ ANYWHERE = np.eye(4)
 
 @pytest.mark.parametrize(
     "values",
-    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}],
+    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}, {"least_score_near": -0.1}],
 )
 def test_nonsense_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match="way_back"):
@@ -139,7 +139,7 @@ def test_what_was_found_is_proposed_where_its_picture_is_now() -> None:
 
 
 def test_poor_hypotheses_are_not_proposed() -> None:
-    way_back, _ = searching(slices=3, score=WayBack().least_score - 0.01, budget=50_000.0)
+    way_back, _ = searching(slices=3, score=WayBack().least_score_near - 0.01, budget=50_000.0)
     assert [way_back.proposals(frame(index), ANYWHERE) for index in range(5)] == [[]] * 5
 
 
