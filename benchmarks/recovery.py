@@ -43,7 +43,8 @@ from acp_lab.tracking.result import TrackState  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import covered  # noqa: E402
-from benchmarks.runs import prepared_part_of  # noqa: E402
+from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
 
 RIGHT, LOST = 0.1, 0.3
 STEADY = 5
@@ -109,6 +110,7 @@ def main() -> None:
     parser.add_argument("--scene", type=int, action="append")
     parser.add_argument("--method", default="acp", help="a method's name, or a TOML file")
     parser.add_argument("--kinds", default=",".join(HIDDEN))
+    parser.add_argument("--split", choices=SPLITS, default="all", help="which half of the parts")
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
     method = read_method(Path(args.method)) if args.method.endswith(".toml") else method_named(args.method)
@@ -116,6 +118,8 @@ def main() -> None:
     for root in args.datasets:
         for scene_id in args.scene or BopDataset(root).scenes():
             scene = BopDataset(root).open_scene(scene_id)
+            if not is_in_split(part_name(root, scene.object_ids[0]), args.split):
+                continue
             new = list(_returns(scene, args.parts, method, args.kinds.split(",")))
             print(root.name, scene_id, *(_told(one) for one in new), sep="  ", flush=True)
             returns += new
@@ -125,7 +129,7 @@ def main() -> None:
         print(kind, row)
     if args.record:
         about = "runs in which the part was covered, and came back; tracker acp, defaults, from truth"
-        names = ", ".join(root.name for root in args.datasets)
+        names = ", ".join(root.name for root in args.datasets) + ("" if args.split == "all" else f" ({args.split})")
         measured.record(f"recovery.{args.record}", about, UNIT, names, values)
 
 

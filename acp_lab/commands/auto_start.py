@@ -9,7 +9,6 @@ from acp_lab.commands import console, interrupt
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
 
 FRAMES_TO_TRY = 30
@@ -30,21 +29,20 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
         SequenceError: an object is found in none of them.
     """
     from acp_lab.tracking.find import Finder
+    from acp_lab.tracking.first_pose import FirstPose
 
-    missing = {object_id: Finder(model) for object_id, model in models.items()}
+    missing = {object_id: FirstPose(Finder(model)) for object_id, model in models.items()}
     starts = list[FoundStart]()
     for frame in sequence.frames(FRAMES_TO_TRY):
         if not missing:
             break
         interrupt.check()
-        if isinstance(frame, UnreadableFrame):
-            continue
-        best = {object_id: finder.find(frame, 1) for object_id, finder in missing.items()}
-        poses = {object_id: one[0].cam_T_obj for object_id, one in best.items() if one and one[0].is_accepted}
+        looked = {object_id: search.look(frame) for object_id, search in missing.items()}
+        poses = {object_id: pose for object_id, pose in looked.items() if pose is not None}
         if poses:
             starts.append(FoundStart(frame.index, poses))
             console.note(f"scene {sequence.scene_id}: found in image {frame.index}: object {_listed(poses)}")
-        missing = {object_id: finder for object_id, finder in missing.items() if object_id not in poses}
+        missing = {object_id: search for object_id, search in missing.items() if object_id not in poses}
     if missing:
         raise SequenceError(
             f"--init auto: object {_listed(missing)} is not found in the first {FRAMES_TO_TRY} frames of "

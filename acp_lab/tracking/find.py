@@ -81,11 +81,17 @@ class Finder:
         return finish(self.search(frame, top, prior))
 
     def search(
-        self, frame: Frame, top: int = 3, prior: PosePrior | None = None, aligned_most: int | None = None
+        self,
+        frame: Frame,
+        top: int = 3,
+        prior: PosePrior | None = None,
+        aligned_most: int | None = None,
+        rival: FloatArray | None = None,
     ) -> Steps[tuple[Detection, ...]]:
         """`find`, in slices.
 
         aligned_most: of the candidates, how many are aligned; 0 for who aligns them in the end.
+        rival: (4, 4) a pose that competes with them as it is.
         """
         if aligned_most is None:
             aligned_most = ALIGNED if prior is None else ALIGNED_NEAR
@@ -100,6 +106,10 @@ class Finder:
             if pose is not None and evidence is not None:
                 aligned.append(Candidate(pose, evidence))
                 yield EVIDENCE_WORK
+        evidence = None if rival is None else look.witness.look(rival)
+        if rival is not None and evidence is not None:
+            aligned.append(Candidate(rival, evidence))
+            yield EVIDENCE_WORK
         best = self._distinct(sorted(aligned, key=lambda c: -c.evidence.log_odds), max(top, _RIVALS))
         return tuple(
             Detection(c.cam_T_obj, score, c.view_obj) for c, score in zip(best[:top], shared_scores(best), strict=False)
@@ -134,18 +144,21 @@ class Finder:
         far = np.linalg.norm(moved, axis=1).mean() > 0.3 * self.model.part.diameter
         return None if far else at.cam_T_obj
 
+    def is_same(self, cam_T_obj: FloatArray, others: Iterable[FloatArray]) -> bool:
+        """Whether a pose (4, 4) is nearly the same as one of others, a symmetric part's equal poses included."""
+        alike = np.stack([transform(cam_T_obj @ turn, self._points_obj) for turn in self._turns])
+        limit = _SAME_SHARE * self.model.part.diameter
+        places = (transform(other, self._points_obj) for other in others)
+        return any(np.linalg.norm(alike - place, axis=2).mean(1).min() <= limit for place in places)
+
     def _distinct(self, candidates: Iterable[Candidate], most: int) -> list[Candidate]:
-        """The best of those that are nearly the same, a symmetric part's equal poses included."""
+        """The best of those that are nearly the same."""
         kept = list[Candidate]()
-        places = list[FloatArray]()
         for candidate in candidates:
             if len(kept) == most:
                 break
-            alike = np.stack([transform(candidate.cam_T_obj @ turn, self._points_obj) for turn in self._turns])
-            limit = _SAME_SHARE * self.model.part.diameter
-            if all(np.linalg.norm(alike - place, axis=2).mean(1).min() > limit for place in places):
+            if not self.is_same(candidate.cam_T_obj, (one.cam_T_obj for one in kept)):
                 kept.append(candidate)
-                places.append(transform(candidate.cam_T_obj, self._points_obj))
         return kept
 
 

@@ -77,21 +77,23 @@ class WayBack:
     Attributes:
         budget: work per frame, see `detection.work`: about as many microseconds.
         proposals: hypotheses of a search that are tried.
-        least_score: that a hypothesis must have for that.
+        least_score: that a hypothesis must have for that; least_score_near: of a search nearby, which aligns nothing.
     """
 
     kind: ClassVar[str] = "detector"
     budget: float = 25_000.0
     proposals: int = 1
     least_score: float = 0.35
+    least_score_near: float = 0.2
 
     def __post_init__(self) -> None:
         if not 0.0 < self.budget < float("inf"):
             raise TrackingError(f"way_back.budget = {self.budget:g}: give a number above 0")
         if not 1 <= self.proposals <= 100:
             raise TrackingError(f"way_back.proposals = {self.proposals}: give 1 to 100")
-        if not 0.0 <= self.least_score <= 1.0:
-            raise TrackingError(f"way_back.least_score = {self.least_score:g}: give 0 to 1")
+        for name in ("least_score", "least_score_near"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise TrackingError(f"way_back.{name} = {getattr(self, name):g}: give 0 to 1")
 
 
 @dataclass(frozen=True, eq=False)

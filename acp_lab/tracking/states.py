@@ -32,11 +32,15 @@ class StateConfig:
 
 
 class StateMachine:
-    """The state of one tracked part."""
+    """The state of one tracked part.
+
+    doubted: whether something speaks against its place; then it is weak at best.
+    """
 
     def __init__(self, config: StateConfig) -> None:
         self.config = config
         self.state = TrackState.TRACKING
+        self.doubted = False
         self._low = self._high = 0
         self._lost = 0
 
@@ -52,6 +56,18 @@ class StateMachine:
         self._low = self.config.patience - 1
         return self.update(quality)
 
+    def may_begin_to_track(self, quality: float) -> bool:
+        """Whether a frame of that quality may make a part that is lost, or weak and not doubted yet, a tracked one."""
+        if self.state is TrackState.LOST:
+            return True
+        return self.state is TrackState.WEAK and not self.doubted and quality > self.config.tracking_above
+
+    def lose(self, reason: str) -> str:
+        """The part is somewhere else, however well the last frame fitted; the reason when the state changed."""
+        before, self.state, self._lost, self._high = self.state, TrackState.LOST, 1, 0
+        self.doubted = False
+        return f"{before} -> {self.state}: {reason}"
+
     def update(self, quality: float) -> str:
         """Take in a frame's quality, 0 where nothing was seen; the reason when the state changed, else empty."""
         config, before = self.config, self.state
@@ -66,5 +82,7 @@ class StateMachine:
             self.state = TrackState.WEAK
         elif quality > config.tracking_above:
             self.state = TrackState.TRACKING
+        if self.doubted and self.state is TrackState.TRACKING:
+            self.state = TrackState.WEAK
         self._lost = self._lost + 1 if self.state is TrackState.LOST else 0
         return "" if self.state is before else f"{before} -> {self.state}: quality {quality:.2f}"

@@ -39,7 +39,7 @@ from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tones import Tones
-from acp_lab.tracking.way_back import Reacquisition
+from acp_lab.tracking.way_back import Reacquisition, Verdict
 
 # Share of a new frame in the running mean of the quality, with which recovery and learning compare.
 _QUALITY_RATE = 0.5
@@ -185,13 +185,17 @@ class Tracker:
             if not self._is_lost or self._way_back is None:
                 solution = self._recover(frame, predicted, solution, clock)
         quality = 0.0 if solution is None else self._quality(solution)
+        if solution is not None and self._states.may_begin_to_track(quality):
+            self._states.doubted = self._doubts(frame, solution, quality)
         note = self._states.update(quality)
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             self._predictor.restart(self.last)
             self._carried, self._fitted = None, False
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
-        fits = self._fitted = quality > self.method.states.found_above
+        self._fitted = quality > self.method.states.found_above
+        note = self._look_again(frame, solution, clock) or note
+        fits = self._fitted
         if self._states.state is TrackState.TRACKING:
             self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
         if self._is_lost and self._way_back is not None:
@@ -204,9 +208,10 @@ class Tracker:
             self._predictor.observe(solution.cam_T_obj, quality, solution.information)
             self._carried = solution.estimate
         if not self._is_lost:
-            if self._way_back is not None:
-                self._way_back.forget()
-            self._learn(frame, solution, clock)
+            if self._states.doubted:
+                self._remember(frame, solution.cam_T_obj)
+            else:
+                self._learn(frame, solution, clock)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
             self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
@@ -369,6 +374,27 @@ class Tracker:
         proposals = self._way_back.proposals(frame, self._last_seen)
         clock.search_s += clock.lap()
         return proposals
+
+    def _doubts(self, frame: Frame, solution: Solution, quality: float) -> bool:
+        """Whether a part that was lost or weak needs a second look."""
+        way_back = self._way_back
+        return way_back is not None and way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
+
+    def _look_again(self, frame: Frame, solution: Solution, clock: Stopwatch) -> str:
+        """Whether a part that came back elsewhere is it; the reason when the state changed."""
+        if self._way_back is None or self._is_lost:
+            return ""
+        if not self._states.doubted:
+            self._way_back.forget()
+            return ""
+        clock.lap()
+        verdict = self._way_back.second_look(frame, solution.cam_T_obj, self._last_seen)
+        clock.search_s += clock.lap()
+        if verdict is Verdict.WRONG:
+            self._fitted = False
+            return self._states.lose("a second look found it elsewhere")
+        self._states.doubted = verdict is Verdict.OPEN
+        return ""
 
     def _try(self, frame: Frame, proposals: list[FloatArray], clock: Stopwatch) -> Solution | None:
         """The best solution from proposals; the search goes on around it where it fits."""

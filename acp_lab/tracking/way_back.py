@@ -6,11 +6,17 @@ there some frames ago, so it is moved to where the part's picture is now, and is
 present frame from it, with all that it knows of the part's look, and takes it only if that fits. Where it does not fit
 any more the part may have moved on: the next search is around there. While a frame fits nobody searches: the next one
 decides.
+
+A part that is back where it was, after it was lost or weak, is believed, and so is one that fits very well. Elsewhere
+something else may look like it, above all from a side from which it shows little: a plate's edge on a cable. There it
+stays weak, and teaches nothing, until a second look: the detector searches a frame of the return, and the pose has to
+win against all that it finds.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
@@ -19,6 +25,7 @@ from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Errand
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
@@ -36,9 +43,17 @@ PICTURE = PictureSearch(reach=1.0)
 class _Search(Errand[tuple[Detection, ...]]):
     """A search, and what it is limited to."""
 
-    def __init__(self, finder: Finder, frame: Frame, most: int, prior: PosePrior | None, aligned: int | None) -> None:
-        super().__init__(finder.search(frame, most, prior, aligned))
-        self.frame, self.prior = frame, prior
+    def __init__(
+        self,
+        finder: Finder,
+        frame: Frame,
+        most: int,
+        prior: PosePrior | None,
+        aligned: int | None = None,
+        rival: FloatArray | None = None,
+    ) -> None:
+        super().__init__(finder.search(frame, most, prior, aligned, rival))
+        self.frame, self.prior, self.rival = frame, prior, rival
 
 
 @dataclass(frozen=True)
@@ -59,6 +74,21 @@ WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
 """In their order, again and again; None for everywhere."""
 WIDE_FRAMES = 2
 """Frames that a wide search gets between two searches nearby: a part that is back where it was is found at once."""
+
+SURE_QUALITY = 0.85
+"""From which on a pose elsewhere is believed without a second look."""
+SECOND_LOOKS = (LIKE_LAST, ANY_SIDE)
+"""Around where the part was before; what nothing contradicts in the last one is believed."""
+_SURE_RIVAL = 0.5
+"""Score of what contradicts a pose."""
+
+
+class Verdict(Enum):
+    """What a second look says of a pose."""
+
+    OPEN = "open"
+    RIGHT = "right"
+    WRONG = "wrong"
 
 
 class Reacquisition:
@@ -85,6 +115,8 @@ class Reacquisition:
         self._prior: PosePrior | None = None
         self._best: Detection | None = None
         self._began = False
+        self._second: _Search | None = None
+        self._looks = 0
 
     @property
     def sought(self) -> Sought | None:
@@ -104,13 +136,46 @@ class Reacquisition:
         last_seen: (4, 4), where the part was.
         """
         found = [pose for one in self._found for pose in self._now(one.cam_T_obj, frame)]
-        self._found = ()
+        self._found, self._second, self._looks = (), None, 0
         if found:
             self.look_around(found[0])
         budget = self._config.budget - PROPOSAL_WORK * len(found)
         while budget > 0.0 and not self._found:
             budget = self._go_on(frame, last_seen, budget)
         return found
+
+    def doubts(self, frame: Frame, cam_T_obj: FloatArray, quality: float, last_seen: FloatArray) -> bool:
+        """Whether a pose (4, 4) needs a second look: not near the last one, as a search nearby looks, nor sure."""
+        if quality >= SURE_QUALITY:
+            return False
+        turns = self._model.part.symmetries.transforms()
+        turned_deg = min(rotation_angle_deg(cam_T_obj[:3, :3], (last_seen @ turn)[:3, :3]) for turn in turns)
+        centres_cam = np.array([transform(pose, self._model.part.box_centre) for pose in (cam_T_obj, last_seen)])
+        if turned_deg > NEAR.within_deg or centres_cam[:, 2].min() <= 0.0:
+            return True
+        here, there = frame.camera.project(centres_cam)
+        return bool(np.linalg.norm(here - there) > (NEAR.around_px or np.inf))
+
+    def second_look(self, frame: Frame, cam_T_obj: FloatArray, last_seen: FloatArray) -> Verdict:
+        """Go on looking whether a pose (4, 4) elsewhere is the part; the better one is proposed if it is not."""
+        if self._second is None:
+            looks = self._looks
+            self.forget()
+            self._looks, prior = looks, SECOND_LOOKS[looks].of(last_seen)
+            self._second = _Search(self._ready(), frame, 1, prior, rival=cam_T_obj)
+        search = self._second
+        search.go_on(self._config.budget)
+        if not search.is_done:
+            return Verdict.OPEN
+        best, self._second = next(iter(search.result or ()), None), None
+        self._looks += 1
+        if best is not None and search.rival is not None and not self._ready().is_same(best.cam_T_obj, (search.rival,)):
+            if best.score >= _SURE_RIVAL:
+                self._best, self._searched, self._found = best, search.frame, (best,)
+                return Verdict.WRONG
+        elif best is not None and best.score >= self._config.least_score:
+            return Verdict.RIGHT
+        return Verdict.RIGHT if self._looks == len(SECOND_LOOKS) else Verdict.OPEN
 
     def _now(self, cam_T_obj: FloatArray, frame: Frame) -> list[FloatArray]:
         """A pose (4, 4) in the frame that was searched; before it, moved to where the part's picture is in this one.
@@ -148,7 +213,8 @@ class Reacquisition:
         if not search.is_done:
             return budget
         self._best, self._searched = next(iter(search.result or ()), None), search.frame
-        self._found = tuple(one for one in search.result or () if one.score >= self._config.least_score)
+        least = self._config.least_score_near if search is self._near else self._config.least_score
+        self._found = tuple(one for one in search.result or () if one.score >= least)
         if search is self._near:
             self._near, self._wide_frames = None, WIDE_FRAMES
         else:

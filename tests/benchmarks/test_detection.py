@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,7 +12,18 @@ import pytest
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import ACCEPTED, Detection
-from benchmarks.detection import AUTO_FRAMES, PRIOR_DEG, Search, _disturbed, _first_accepted, _row, _search
+from benchmarks.detection import (
+    ABSENT,
+    AUTO_FRAMES,
+    PRIOR_DEG,
+    Search,
+    _append,
+    _disturbed,
+    _first_accepted,
+    _read,
+    _row,
+    _search,
+)
 from tests.prepared_sample import sample_model, sample_scene
 
 SIDE = np.array([0.0, 0.0, 1.0])
@@ -28,7 +40,7 @@ class Told:
         self.asked.append(frame.index)
         pose = true_pose(frame.index).copy()
         pose[0, 3] += self.off_mm
-        return (Detection(pose, ACCEPTED if frame.index == self.frame_id else 0.5, SIDE),)
+        return (Detection(pose, ACCEPTED if frame.index == self.frame_id else 0.4, SIDE),)
 
 
 def true_pose(frame_id: int) -> FloatArray:
@@ -56,8 +68,16 @@ def test_a_search_counts_in_its_rows() -> None:
     size, finder = f"{frame.camera.width}x{frame.camera.height}", cast("Any", Told(0, 0.0))
     search = _search(finder, scene, frame)
     assert (search.right, search.accepted) == ((True,), True)
-    assert {"all", size, f"{scene.dataset.name} 1"} < set(search.labels)
+    assert {"all", size, f"{scene.dataset.name} 1", scene.dataset.name, "tuning"} < set(search.labels)
     assert _search(finder, scene, frame, with_prior=True).labels == (f"prior, {size}",)
+
+
+def test_what_was_searched_is_kept_and_read_again(tmp_path: Path) -> None:
+    searches = [Search((True, False), (0.9, 0.1), 1.5, ("all", "tuning")), Search((), (), 0.0, (ABSENT,))]
+    assert _read(tmp_path / "none.jsonl") == {}
+    for label in ("a 1", "a 2"):
+        _append(tmp_path / "found.jsonl", label, searches)
+    assert _read(tmp_path / "found.jsonl") == {"a 1": searches, "a 2": searches}
 
 
 def test_the_prior_is_off_as_told() -> None:
@@ -71,8 +91,8 @@ def test_the_prior_is_off_as_told() -> None:
 
 def test_a_row() -> None:
     row = _row([
-        Search((True, False), True, 1.0, ()), Search((False, True), False, 2.0, ()), Search((), False, 4.0, ()),
-        Search((False,), True, 3.0, ()),
+        Search((True, False), (0.9, 0.1), 1.0, ()), Search((False, True), (0.5, 0.2), 2.0, ()), Search((), (), 4.0, ()),
+        Search((False,), (ACCEPTED,), 3.0, ()),
     ])  # fmt: skip
     assert row == {
         "frames": 4, "first": 0.25, "best of 3": 0.5, "accepted": 0.5, "right": 0.5, "time": 2.5, "most": 4.0,

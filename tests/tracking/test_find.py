@@ -13,6 +13,7 @@ import pytest
 import acp_lab as acp
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.pose_prior import PosePrior
+from acp_lab.detection.work import finish
 from acp_lab.errors import PreparationError
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
@@ -59,6 +60,25 @@ def test_the_same_image_gives_the_same_answer() -> None:
     first, second = (sample_finder().find(frame, 2) for _ in range(2))
     assert [one.score for one in first] == [one.score for one in second]
     assert all(np.array_equal(a.cam_T_obj, b.cam_T_obj) for a, b in zip(first, second, strict=True))
+
+
+def test_a_rival_competes_with_what_is_found() -> None:
+    """A pose that is no candidate is judged beside them: a good one wins, a poor one takes nothing away."""
+    frame = sample_frame(0)
+    truth = sample_scene().truth(frame.index, 1)
+    assert truth is not None
+    finder = sample_finder()
+    beside = truth.copy()
+    beside[0, 3] += 0.8 * finder.model.part.diameter
+    prior = PosePrior(beside, 20.0, 1.05, 20.0)  # nothing of the part is near it
+    alone = finish(finder.search(frame, 3, prior))
+    with_truth = finish(finder.search(frame, 3, PosePrior(beside, 20.0, 1.05), rival=truth))
+    assert not any(finder.is_same(one.cam_T_obj, (truth,)) for one in alone)
+    assert finder.is_same(with_truth[0].cam_T_obj, (truth,))
+    first = finder.find(frame, 1)[0]
+    with_beside = finish(finder.search(frame, 3, rival=beside))
+    assert finder.is_same(with_beside[0].cam_T_obj, (truth,))
+    assert with_beside[0].score == pytest.approx(first.score, abs=0.01)
 
 
 def test_not_there() -> None:

@@ -119,3 +119,40 @@ def test_a_lost_part_that_fits_a_little_is_searched_too() -> None:
         machine.update(0.25)
     assert machine.state is L
     assert searched >= 4
+
+
+def test_a_doubted_part_is_weak_at_best() -> None:
+    machine = StateMachine(CONFIG)
+    machine.doubted = True
+    machine.update(0.9)
+    assert machine.state is W
+    machine.doubted = False
+    machine.update(0.9)
+    assert machine.state is T
+
+
+def test_a_part_that_is_elsewhere_is_lost_at_once_and_needs_its_proof_again() -> None:
+    machine = StateMachine(CONFIG)
+    machine.doubted = True
+    assert machine.lose("it is elsewhere") == "tracking -> lost: it is elsewhere"
+    assert machine.state is L
+    assert not machine.doubted
+    assert machine.is_time_to_search()
+    for _ in range(CONFIG.proof - 1):
+        machine.update(0.9)
+        assert machine.state is L
+    machine.update(0.9)
+    assert machine.state is T
+
+
+def test_a_weak_part_may_begin_to_be_tracked_only_where_it_fits() -> None:
+    machine = StateMachine(CONFIG)
+    assert not machine.may_begin_to_track(0.9)  # it is tracked already
+    machine.update(0.35)
+    assert machine.state is W
+    assert not machine.may_begin_to_track(0.45)
+    assert machine.may_begin_to_track(0.55)
+    machine.doubted = True
+    assert not machine.may_begin_to_track(0.55)
+    machine.lose("")
+    assert machine.may_begin_to_track(0.0)

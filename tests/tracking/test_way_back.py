@@ -20,7 +20,7 @@ from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.tracker import Tracker
-from acp_lab.tracking.way_back import NEAR, PROPOSAL_WORK, WIDE_FRAMES, Reacquisition
+from acp_lab.tracking.way_back import NEAR, PROPOSAL_WORK, SURE_QUALITY, WIDE_FRAMES, Reacquisition, Verdict
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import add_percent, draw, poses, prepared
 
@@ -30,7 +30,7 @@ ANYWHERE = np.eye(4)
 
 @pytest.mark.parametrize(
     "values",
-    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}],
+    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}, {"least_score_near": -0.1}],
 )
 def test_nonsense_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match="way_back"):
@@ -48,8 +48,11 @@ class Searched:
         self.asked: list[float | None] = []
         self.pose: FloatArray | None = None
 
+    def is_same(self, cam_T_obj: FloatArray, others: tuple[FloatArray, ...]) -> bool:
+        return any(np.allclose(cam_T_obj, other) for other in others)
+
     def search(
-        self, frame: Frame, top: int, prior: object, aligned_most: int | None = None
+        self, frame: Frame, top: int, prior: object, aligned_most: int | None = None, rival: FloatArray | None = None
     ) -> Steps[tuple[Detection, ...]]:
         self.asked.append(None if prior is None else prior.within_deg)  # type: ignore[attr-defined]
         for _ in range(self.slices):
@@ -96,13 +99,13 @@ def test_work_per_frame_is_bounded() -> None:
     way_back, finder = searching(slices=1000, score=0.0, budget=7_000.0)
     steps = 0
 
-    def counted(frame: Frame, top: int, prior: object, aligned_most: int | None = None) -> Steps[tuple[Detection, ...]]:
+    def counted(frame: Frame, top: int, prior: object, *_: object) -> Steps[tuple[Detection, ...]]:
         nonlocal steps
         while True:
             steps += 1
             yield 1000.0
 
-    finder.search = counted  # type: ignore[method-assign]
+    finder.search = counted  # type: ignore[method-assign, assignment]
     for index in range(5):
         way_back.proposals(frame(index), ANYWHERE)
     assert steps == 35
@@ -136,7 +139,7 @@ def test_what_was_found_is_proposed_where_its_picture_is_now() -> None:
 
 
 def test_poor_hypotheses_are_not_proposed() -> None:
-    way_back, _ = searching(slices=3, score=WayBack().least_score - 0.01, budget=50_000.0)
+    way_back, _ = searching(slices=3, score=WayBack().least_score_near - 0.01, budget=50_000.0)
     assert [way_back.proposals(frame(index), ANYWHERE) for index in range(5)] == [[]] * 5
 
 
@@ -151,6 +154,71 @@ def test_a_part_too_small_to_be_looked_for_costs_no_time() -> None:
     far = looking_at(part, np.array([0.8, 0.6, 1.0]), 2000.0, 0.3)
     lost = Reacquisition(prepared(part), WayBack())
     assert lost.proposals(Frame(0, np.zeros((48, 64, 3), np.uint8), small), far) == []
+
+
+# ---- a second look ---------------------------------------------------------------------------------------------
+
+
+def test_what_is_back_where_it_was_or_fits_very_well_needs_no_second_look() -> None:
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    way_back = Reacquisition(prepared(part), WayBack())
+    last = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    at = Frame(0, np.zeros((LARGE.height, LARGE.width, 3), np.uint8), LARGE)
+    beside, turned = last.copy(), looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.9)
+    beside[0, 3] += 90.0 * 330.0 / LARGE.fx
+    near = last.copy()
+    near[0, 3] += 60.0 * 330.0 / LARGE.fx
+    for pose, quality, expected in (
+        (last, 0.6, False),
+        (near, 0.6, False),
+        (beside, 0.6, True),
+        (beside, SURE_QUALITY, False),
+        (turned, 0.6, True),
+    ):
+        assert way_back.doubts(at, pose, quality, last) is expected
+
+
+@pytest.mark.parametrize(
+    ("same", "score", "expected"),
+    [
+        (True, 0.9, [Verdict.RIGHT]),
+        (True, 0.2, [Verdict.OPEN, Verdict.RIGHT]),  # nothing beats it, from any side
+        (False, 0.9, [Verdict.WRONG]),
+        (False, 0.3, [Verdict.OPEN, Verdict.RIGHT]),
+    ],
+)
+def test_the_pose_has_to_win_against_what_the_detector_finds(same: bool, score: float, expected: list[Verdict]) -> None:
+    way_back, finder = searching(slices=25, score=score, budget=10_000.0)
+    finder.pose = np.eye(4)
+    finder.pose[0, 3] = 0.0 if same else 50.0
+    verdicts = [way_back.second_look(frame(index), ANYWHERE, ANYWHERE) for index in range(3 * len(expected))]
+    assert [one for one in verdicts if one is not Verdict.OPEN] == [expected[-1]]
+    assert verdicts.index(expected[-1]) == 3 * len(expected) - 1  # three frames for each search
+    if expected[-1] is Verdict.WRONG:
+        proposed = way_back.proposals(frame(9), ANYWHERE)
+        assert [pose[0, 3] for pose in proposed] == [50.0]
+
+
+def test_a_doubtful_return_teaches_nothing_and_is_lost_again_when_it_is_wrong(
+    far_away: tuple[PreparedPart, list[ByteImage], list[FloatArray]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, images, truth = far_away
+    answers = iter([Verdict.OPEN] * 3 + [Verdict.WRONG])
+    learnt: list[int] = []
+    monkeypatch.setattr(Reacquisition, "doubts", lambda *_: True)
+    monkeypatch.setattr(Reacquisition, "second_look", lambda *_: next(answers))
+    monkeypatch.setattr(Tracker, "_learn", lambda self, frame, *_: learnt.append(frame.index))
+    tracker = Tracker(model)
+    tracker.start(Frame(0, images[0], LARGE), truth[0])
+    results = [tracker.track(Frame(k, images[k], LARGE)) for k in range(1, 6)]
+    results += [tracker.track(Frame(k, images[7], LARGE)) for k in range(6, 9)]
+    seen, before = tracker._last_seen, len(learnt)
+    results += [tracker.track(Frame(k, images[5], LARGE)) for k in range(9, 14)]
+    states = [result.state for result in results[7:]]
+    assert states == [TrackState.LOST] * 2 + [TrackState.WEAK] * 3 + [TrackState.LOST]
+    assert "elsewhere" in results[-1].note
+    assert np.array_equal(tracker._last_seen, seen)
+    assert len(learnt) == before
 
 
 # ---- in a tracker ----------------------------------------------------------------------------------------------
