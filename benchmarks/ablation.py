@@ -31,7 +31,7 @@ machine.limit_threads(1)
 import numpy as np  # noqa: E402
 
 from acp_lab.evaluation.bootstrap import bootstrap_mean  # noqa: E402
-from benchmarks.deviations import DecodedScene, load, name_of  # noqa: E402
+from benchmarks.deviations import DecodedScene, errors_along, load, name_of  # noqa: E402
 
 if TYPE_CHECKING:
     from acp_lab.prepared_part import PreparedPart
@@ -42,7 +42,6 @@ METHOD_NAMES = ("acp-paper", "direct-6dof", "unoptimised-points")
 ALPHAS = (0.035, 0.05, 0.07)
 LIMITS = (0.02, 0.05, 0.10)
 STARTS = {"truth": (0.0, 0.0), "2 deg, 2 mm off": (2.0, 2.0)}
-SEED = 0
 PAPER_SIZE = (1224, 1024)
 TIMED_FRAMES = 20
 
@@ -70,23 +69,7 @@ def settings(method: Method) -> Iterator[tuple[str, Method]]:
 
 def track(decoded: DecodedScene, model: PreparedPart, method: Method, setting: str, start: str) -> Track:
     """One run from a start of `STARTS`; a start that is refused is a run without poses."""
-    from acp_lab.errors import TrackingError
-    from acp_lab.evaluation import PartMetric
-    from acp_lab.geometry.pose import disturb_pose
-    from acp_lab.tracking.tracker import Tracker
-
-    object_id, metric = decoded.object_ids[0], PartMetric(model.part)
-    first, *others = decoded.frames()
-    rng = np.random.default_rng([SEED, decoded.scene_id, object_id])
-    pose = disturb_pose(decoded.truth(first.index, object_id), model.part.box_centre, *STARTS[start], rng)
-    errors = np.full(len(others), np.inf)
-    tracker = Tracker(model, method)
-    try:
-        tracker.start(first, pose)
-        for row, frame in enumerate(others):
-            errors[row] = metric.share(tracker.track(frame).cam_T_obj, decoded.truth(frame.index, object_id))
-    except TrackingError:
-        pass
+    errors, _ = errors_along(decoded, model, method, STARTS[start])
     return Track(name_of(decoded.scene), model.part.sha256, method.name, setting, start, errors)
 
 

@@ -64,6 +64,7 @@ _OFFERED: dict[str, tuple[str, ...]] = {
         "draw_edge_points",
         "draw_view",
     ),
+    "plots.key_frames": ("draw_key_frames",),
     "plots.loss_study": (
         "draw_losses",
         "draw_printed",

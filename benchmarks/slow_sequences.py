@@ -1,0 +1,144 @@
+"""`acp-paper` on slow sequences of parts that nothing was chosen on: what painted edges carry, and what they cost.
+
+Four methods on the same view regions: `acp-paper` on the ridges of painted images, the same on the CAD's exact edges,
+and the paper's two ablations on painted ridges, a pose varied (w/o CP) and points of the middle section (w/o opt).
+Defaults, no resets, the first frame left out, one thread; forwards and backwards, since single runs scatter. Intervals
+are 95% from a hierarchical block bootstrap over the sequences, each with its two orders one after the other.
+
+Example: python -m benchmarks.slow_sequences path/to/dataset/test/000001... --parts out/parts
+(prepared before: acp-lab prepare MESH --out out/parts/DATASET, again with --generator autoencoder)
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from acp_lab.commands import machine
+
+# Before NumPy is imported: its linear algebra reads the number of threads once.
+machine.limit_threads(1)
+
+import numpy as np  # noqa: E402
+
+from acp_lab.evaluation.bootstrap import bootstrap_mean  # noqa: E402
+from benchmarks.ablation import STARTS  # noqa: E402
+from benchmarks.deviations import (  # noqa: E402
+    LIMITS,
+    DecodedScene,
+    errors_along,
+    load,
+    name_of,
+    of_painted_regions,
+    painting,
+    steps,
+)
+
+METHODS = {
+    "painted edges": "+ annealed alpha",
+    "exact edges": "exact edges",
+    "direct-6dof": "direct-6dof",
+    "unoptimised-points": "unoptimised-points",
+}
+"""By the names of `deviations.steps`."""
+
+
+@dataclass(frozen=True)
+class SlowRun:
+    """One method on one sequence: ADD of its frames as shares of the diameter, forwards and then backwards."""
+
+    sequence: str
+    start: str
+    method: str
+    errors: np.ndarray
+
+
+def tracked(folder: Path, parts: Path) -> Iterator[SlowRun]:
+    """All methods from all starts on one sequence."""
+    from acp_lab.sequences import open_sequence
+
+    decoded = DecodedScene(open_sequence(folder))
+    model = load(parts, decoded.scene)
+    models = {"exact edges": of_painted_regions(model)}
+    for (start, off), (name, step) in product(STARTS.items(), METHODS.items()):
+        both = [errors_along(decoded, models.get(name, model), steps()[step], off, way)[0] for way in (False, True)]
+        yield SlowRun(name_of(decoded.scene), start, name, np.concatenate(both))
+
+
+def pooled_rows(runs: list[SlowRun]) -> dict[str, dict[str, list[float]]]:
+    """Per start and method the mean over sequences and its interval."""
+    rows = {}
+    for start, method in dict.fromkeys((run.start, run.method) for run in runs):
+        own = [run.errors for run in runs if (run.start, run.method) == (start, method)]
+        shares = {key: bootstrap_mean([(one < limit).astype(float) for one in own]) for key, limit in LIMITS.items()}
+        rows[f"{start}: {method}"] = {key: [share.mean, share.low, share.high] for key, share in shares.items()}
+    return rows
+
+
+def sequence_rows(runs: Iterable[SlowRun]) -> dict[str, dict[str, float]]:
+    """Per sequence and method, from truth."""
+    return {
+        f"{run.sequence}: {run.method}": {key: float((run.errors < limit).mean()) for key, limit in LIMITS.items()}
+        for run in runs
+        if run.start == "truth"
+    }
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="+", type=Path, help="scene folders of BOP data sets")
+    parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
+    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
+    options = parser.parse_args()
+
+    runs, painted = list[SlowRun](), {}
+    for folder in options.scenes:
+        for run in tracked(folder, options.parts):
+            runs.append(run)
+            shares = " ".join(f"{(run.errors < limit).mean():.2f}" for limit in LIMITS.values())
+            print(f"{run.sequence}, {run.start}: {run.method} {shares}", flush=True)
+        painted |= paintings(folder, options.parts)
+    pooled, each = pooled_rows(runs), sequence_rows(runs)
+    for name, row in pooled.items():
+        print(f"| {name} | " + " | ".join(f"{m:.2f} [{low:.2f}, {high:.2f}]" for m, low, high in row.values()) + " |")
+    if options.record:
+        record_all(pooled, each, painted)
+
+
+def paintings(folder: Path, parts: Path) -> dict[str, dict[str, float]]:
+    """How well the part of a sequence is painted."""
+    from acp_lab.sequences import open_sequence
+
+    decoded = DecodedScene(open_sequence(folder))
+    found = {name_of(decoded.scene): painting(decoded, load(parts, decoded.scene))}
+    print(found, flush=True)
+    return found
+
+
+def record_all(
+    pooled: dict[str, dict[str, list[float]]],
+    each: dict[str, dict[str, float]],
+    painted: dict[str, dict[str, float]],
+) -> None:
+    """Into docs/measured.json."""
+    from benchmarks.measured import record
+
+    unit = "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter"
+    about = "acp-paper on painted and on exact edges, and its ablations, slow sequences, forwards and backwards"
+    data = ", ".join(painted)
+    record("slow", about, {"@*": f"{unit}, mean over sequences, and its 95% interval"}, data, pooled)
+    record("slow.each", "the same, each sequence, from truth", {"@*": unit}, data, each)
+    units = {
+        "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
+        "f_score": "at one canonical px, held-out views",
+        "bias_percent": "ADD of the pose fitted to what is painted at the true pose, % of the diameter, median",
+    }
+    record("slow.painting", "the auto-encoders of these parts, over the regions trained", units, data, painted)
+
+
+if __name__ == "__main__":
+    main()
