@@ -5,7 +5,8 @@ have, and the two lie within a pixel or so: then the difference is the edges' ow
 and the offsets can be measured. They may lie somewhat further apart where the frame agrees with both equally: what
 the image cannot tell, whoever gave the pose can. And nothing in a cloud of poses around it may agree clearly better:
 from a poor start the solver can end as far from the part as it began. Otherwise the best of that cloud wins, and its
-pose is weighed against the given one (`weighed_start`).
+pose is weighed against the given one (`weighed_start`), as it is where the frame agrees with both well, but they lie
+apart: half a degree off, a start is good enough to tell which edges are the part's, not where they lie.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ class TrustedStart:
         part.
         largest_scale: relative change of apparent size between the two poses.
         turn_deg, finalists: of the cloud of poses around the start, see `search.Cloud`.
-        agreement_alone: ratio from which on the start is trusted, however far the two poses lie apart; infinite for
-            none.
+        agreement_alone: ratio from which on the start is trusted, however far the two poses lie apart, but weighed;
+            infinite for none.
         bias_in_breaks: how far edges lie beside where they are expected, in edge breaks of the part; by it a start that
-            is not trusted is weighed against what was found, see `weighed_start`.
+            is not exact is weighed against what was found, see `weighed_start`; 0 for never.
         measures: whether offsets are measured also at a pose that is no trusted start.
         shift_share, poses, solved: of the cloud, see `search.Cloud`.
         surpassed: share of the best agreement in the cloud below which a start is not trusted.
@@ -79,6 +80,7 @@ class TrustedStart:
 
 
 EQUAL_SLACK = 1.4
+_NEVER = float("inf")
 # For judging and for learning: all samples, or as many as one search takes, near their expected places.
 LOOK_LEVEL = Level(6, 1.0, samples=30_000)
 
@@ -87,7 +89,7 @@ LOOK_LEVEL = Level(6, 1.0, samples=30_000)
 class Started:
     """The solution of the first frame.
 
-    trusted: its pose is the given one. measures: offsets of edges can be measured at it.
+    trusted: its pose is the given one, or near it. measures: offsets of edges can be measured at it.
     """
 
     solution: Solution
@@ -102,26 +104,25 @@ def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stop
     if solved is None:
         return None
     found = search_cloud(solver, seen, view.prior, config.cloud) or solved
-    trusted = is_trusted(solver, seen, solved, config) and not _is_surpassed(solver, seen, found, config)
-    if trusted:
-        pose, steps = view.prior, tuple[TrackStep, ...]()
-    else:
-        pose, steps = found.cam_T_obj, found.steps
-        matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
-        if bias_mm and matches is not None:
-            pose = weighed_start(view, pose, matches, bias_mm)
+    trusted = is_trusted(solver, seen, solved, config)
+    trusted = trusted and _agreement_ratio(solver, seen, found) >= config.surpassed
+    pose, steps = (view.prior, tuple[TrackStep, ...]()) if trusted else (found.cam_T_obj, found.steps)
+    is_exact = trusted and is_trusted(solver, seen, solved, replace(config, agreement_alone=_NEVER))
+    matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
+    if not is_exact and bias_mm and matches is not None:
+        ratio = min(_agreement_ratio(solver, seen, best) for best in (solved, found))
+        pose = weighed_start(view, found.cam_T_obj, matches, bias_mm, ratio)
     # Where the search left the image, stay with what the given pose led to.
     looked = solver.look_at(seen, view.at_pose(pose), LOOK_LEVEL, clock) or solved
     return Started(replace(looked, steps=steps), trusted, trusted or config.measures)
 
 
-def _is_surpassed(solver: PoseSolver, seen: SeenFrame, found: Solution, config: TrustedStart) -> bool:
-    """Whether the frame agrees clearly better with a pose that was found than with the prior of its view."""
-    view = seen.view
-    at_start, at_found = (
-        solver.agreement(seen, view.at_pose(pose), AGREEMENT_LEVEL) for pose in (view.prior, found.cam_T_obj)
+def _agreement_ratio(solver: PoseSolver, seen: SeenFrame, best: Solution) -> float:
+    """How well the frame agrees with the prior of its view, as a share of how well with a solution."""
+    at_start, at_best = (
+        solver.agreement(seen, seen.view.at_pose(pose), AGREEMENT_LEVEL) for pose in (seen.view.prior, best.cam_T_obj)
     )
-    return at_start < config.surpassed * at_found
+    return at_start / max(at_best, 1e-9)
 
 
 def is_trusted(solver: PoseSolver, seen: SeenFrame, solved: Solution, config: TrustedStart) -> bool:
@@ -138,10 +139,10 @@ def is_trusted(solver: PoseSolver, seen: SeenFrame, solved: Solution, config: Tr
     # Along the normals: sliding along the edges, such as a round part's roll, is no error that they could show.
     rest_px = float(np.sqrt((((shift - scale * arms) * matches.normals).sum(1) ** 2).mean()))
     away = max(rest_px / config.largest_shift_px, abs(scale) / config.largest_scale)
-    if away >= EQUAL_SLACK and config.agreement_alone == float("inf"):
+    if away >= EQUAL_SLACK and config.agreement_alone == _NEVER:
         return False
     at_start, at_solved = (
         solver.agreement(seen, view.at_pose(pose), AGREEMENT_LEVEL) for pose in (view.prior, solved.cam_T_obj)
     )
-    needed = config.agreement if away < 1.0 else config.equal_agreement if away < EQUAL_SLACK else float("inf")
+    needed = config.agreement if away < 1.0 else config.equal_agreement if away < EQUAL_SLACK else _NEVER
     return at_start > 0.0 and at_start >= min(needed, config.agreement_alone) * at_solved

@@ -3,7 +3,9 @@
 Edges lie beside those of the CAD model, all to one side: an image is sure of where a part is and how it is turned, but
 far less of how far away it is. A start pose may be better there. How good it is nobody says, but where the image is
 sure, the distance between the two is the start's error, and an error of that size is expected in the other directions,
-too (empirical Bayes). Both poses are fused by their covariances; a good start keeps its depth, a poor one does not.
+too (empirical Bayes). How well the frame agrees with the start says the same in another way, and without the image's
+pose: where edges are found close to the start, its error is small, and a pose that lies much farther away is one that
+looks alike. Both poses are fused by their covariances; a good start keeps its depth, a poor one does not.
 (Not in the paper, whose sequences start from the truth.)
 """
 
@@ -18,31 +20,59 @@ from acp_lab.tracking.learning.knowledge import Matches
 
 # Sizes of a start's error that are thought of, mm: from nothing to where no start is.
 _ERRORS_MM = np.geomspace(0.03, 30.0, 25)
+# How far away another pose that looks alike lies, in radii of the part, and how probable it is that the image shows it.
+_ELSEWHERE, _LOOKS_ALIKE = 0.33, 0.05
+# Agreement with a pose whose edges are off by so many px (rms) lies half way between all and least; its scatter.
+_HALF_PX, _LEAST_AGREEMENT, _AGREEMENT_SCATTER = 1.3, 0.25, 0.06
 # Scatter of a single image edge, px.
 _EDGE_PX = 0.3
 
 
-def weighed_start(view: View, found: FloatArray, matches: Matches, bias_mm: float) -> FloatArray:
+def weighed_start(
+    view: View, found: FloatArray, matches: Matches, bias_mm: float, agreement: float | None = None
+) -> FloatArray:
     """(4, 4) between a view's prior, the start pose, and the pose (4, 4) that the image shows.
 
     matches: of the image's pose. bias_mm: standard deviation of what all outlines, and all inner edges, have in common
-    beside where they are expected.
+    beside where they are expected. agreement: of the frame with the start pose, as a share of that with the image's;
+    None where only the distance between the two shall say how large the start's error is.
     """
     part = view.part
     image = image_covariance(matches, bias_mm)
     # Turns count by what they move at the part's rim.
     unit = np.diag(np.repeat([1.0 / part.radius, 1.0], 3) ** 2)
     error = pose_step_between(view.prior, found, part.box_centre)
+    _, elsewhere = _explained((_ELSEWHERE * part.radius) ** 2 * unit, image, error)
     taken, total = np.zeros(6), 0.0
-    for error_mm in _ERRORS_MM:
+    for error_mm, probability in zip(_ERRORS_MM, _size_probabilities(matches, unit, agreement), strict=True):
         start = error_mm**2 * unit
-        root = np.linalg.cholesky(start + image)
-        normalised = np.linalg.solve(root, error)
-        likelihood = np.exp(-0.5 * normalised @ normalised) / np.diagonal(root).prod()
-        taken = taken + likelihood * (start @ np.linalg.solve(root.T, normalised))
-        total += likelihood
+        step, likelihood = _explained(start, image, error)
+        taken = taken + probability * likelihood * step
+        total += probability * likelihood
+        if agreement is not None:
+            # What the image shows may be another pose that looks alike; it says nothing of the start then.
+            total += probability * _LOOKS_ALIKE * elsewhere
     # Where nothing explains the distance, the start is no pose of this image.
     return move_pose(view.prior, part.box_centre, taken / total) if total > 0.0 else found
+
+
+def _explained(start: FloatArray, image: FloatArray, error: FloatArray) -> tuple[FloatArray, float]:
+    """(6,) the start's share of an error (6,) between start and image by their covariances (6, 6); its likelihood."""
+    root = np.linalg.cholesky(start + image)
+    normalised = np.linalg.solve(root, error)
+    likelihood = float(np.exp(-0.5 * normalised @ normalised) / np.diagonal(root).prod())
+    return start @ np.linalg.solve(root.T, normalised), likelihood
+
+
+def _size_probabilities(matches: Matches, unit: FloatArray, agreement: float | None) -> FloatArray:
+    """How probable each of `_ERRORS_MM` is, by how much less the frame agrees with the start than with the best."""
+    if agreement is None:
+        return np.ones(len(_ERRORS_MM))
+    rows = matches.jacobian
+    px_per_mm = np.sqrt(np.einsum("ni,ij,nj->n", rows, unit, rows).mean())
+    expected = _LEAST_AGREEMENT + (1.0 - _LEAST_AGREEMENT) / (1.0 + (px_per_mm * _ERRORS_MM / _HALF_PX) ** 2)
+    found: FloatArray = np.exp(-0.5 * ((min(agreement, 1.0) - expected) / _AGREEMENT_SCATTER) ** 2)
+    return found + 1e-6
 
 
 def image_covariance(matches: Matches, bias_mm: float) -> FloatArray:

@@ -70,6 +70,17 @@ def test_a_disturbed_start_is_not_trusted_and_corrected(
         assert add_percent(part, result.cam_T_obj, truth) < 2.5
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_start_that_the_frame_agrees_with_well_enough_is_weighed(part: Part, truth: FloatArray, seed: int) -> None:
+    """A degree off it tells which edges are the part's; that they lie where it says would be learnt wrongly."""
+    frame = first_frame(part, truth, INSET_MM)
+    start = disturb_pose(truth, part.box_centre, 1.0, 1.0, np.random.default_rng(seed))
+    tracker = Tracker(prepared(part, 0.25))
+    result = tracker.start(frame, start)
+    assert tracker.start_was_trusted
+    assert add_percent(part, result.cam_T_obj, truth) < 0.65 * add_percent(part, start, truth)
+
+
 def test_a_start_is_not_trusted_because_the_solver_finds_nothing_better(
     part: Part, model: PreparedPart, solver: FrameSolver
 ) -> None:

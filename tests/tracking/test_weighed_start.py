@@ -102,3 +102,34 @@ def test_a_start_beyond_all_errors_is_left_to_the_image(part: Part, found: tuple
     view, pose, matches = found
     start = move_pose(pose, part.box_centre, np.array([0.0, 0.0, 0.0, 1e5, 0.0, 0.0]))
     np.testing.assert_array_equal(weighed_start(replace(view, prior=start), pose, matches, BIAS_MM), pose)
+
+
+def test_a_pose_that_looks_alike_does_not_move_a_start_that_the_frame_agrees_with(
+    part: Part, found: tuple[View, FloatArray, Matches]
+) -> None:
+    view, pose, matches = found
+    start = move_pose(pose, part.box_centre, np.array([0.06, -0.04, 0.0, 4.0, -3.0, 5.0]))
+    off = [
+        np.linalg.norm(pose_step_between(start, weighed, part.box_centre)[3:])
+        for agreement in (0.95, 0.85, 0.3, None)
+        for weighed in [weighed_start(replace(view, prior=start), pose, matches, BIAS_MM, agreement)]
+    ]
+    assert off[0] < 0.1
+    assert off[1] < 0.3
+    # What the frame does not agree with is no pose of it.
+    assert off[2] > 5.0
+    assert off[3] > 5.0
+
+
+def test_the_better_the_agreement_the_more_of_the_start_is_kept(
+    part: Part, found: tuple[View, FloatArray, Matches]
+) -> None:
+    view, pose, matches = found
+    start = move_pose(pose, part.box_centre, np.array([0.004, 0.004, 0.0, 0.3, -0.2, 3.0]))
+    farther_mm = [
+        float(pose_step_between(pose, weighed, part.box_centre)[5])
+        for agreement in (1.0, 0.85, 0.65)
+        for weighed in [weighed_start(replace(view, prior=start), pose, matches, BIAS_MM, agreement)]
+    ]
+    assert farther_mm == sorted(farther_mm, reverse=True)
+    assert farther_mm[0] > farther_mm[2] + 0.1
