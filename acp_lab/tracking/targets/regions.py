@@ -147,6 +147,7 @@ class RegionMemory:
         self.offsets_mm = np.zeros(count)
         self.mean_square = np.full(count, config.unknown_px**2)
         self.known = np.zeros(count, bool)
+        self._unseen = np.flatnonzero(~model.edges.crease)
         self.free = FreeLengths(np.zeros(3), np.full((2, count), np.nan))
 
     @cached_property
@@ -191,7 +192,23 @@ class RegionMemory:
             square = np.where(clear, np.minimum(rest * rest, 9.0), 9.0)
             rate = np.where(self.known[ids], self.config.calibration_rate, 0.5)
             self.mean_square[ids] += rate * (square - self.mean_square[ids])
+        smooth = ids[~self.edges.crease[ids]]
+        known_share = float(self.known[smooth].mean()) if len(smooth) else 1.0
         self.known[ids] = True
+        if len(smooth) >= _LEAST_LINES:
+            self._expect_of_new(smooth, known_share)
+
+    def _expect_of_new(self, smooth: IntArray, known_share: float) -> None:
+        """How steadily samples of smooth outlines that were no line yet will be found.
+
+        smooth: ids of a frame's lines on such outlines; known_share: how many of them were lines before. A smooth
+        outline wanders over a part that turns, so that hardly a line stays for long enough to become known. The more of
+        a frame's are new, the more is expected of others what these showed.
+        """
+        unknown = self.config.unknown_px**2
+        typical = min(float(np.sort(self.mean_square[smooth])[len(smooth) // 2]), unknown)
+        self._unseen = self._unseen[~self.known[self._unseen]]
+        self.mean_square[self._unseen] = typical ** (1.0 - known_share) * unknown**known_share
 
 
 class RegionTarget:

@@ -35,7 +35,7 @@ from acp_lab.tracking.targets.regions import (
     RegionTarget,
 )
 from acp_lab.tracking.tracker import Tracker
-from tests.made_parts import box, bracket, looking_at
+from tests.made_parts import box, bracket, cylinder, looking_at
 from tests.tracking.rendered import MadeSequence, add_percent, prepared
 
 # Larger than that of `rendered`, for tenths of a pixel.
@@ -400,6 +400,41 @@ def test_later_frames_say_how_steadily_the_boundary_was_found(part: Part, taught
     assert np.median(memory.mean_square[ids]) > 2.0
     # Only a trusted pose says where the boundary lies.
     np.testing.assert_array_equal(memory.offsets_mm, offsets)
+
+
+def test_where_a_smooth_outline_moves_on_its_new_lines_are_believed_as_those_before() -> None:
+    """A round part that turns shows other samples in each frame, none of which is seen for long."""
+    part = cylinder()
+    model = prepared(part)
+    first = looking_at(part, np.array([1.0, 0.2, 0.3]), 330.0)
+    image = painted(mask_of(part, first))
+    looked = looked_at(model, image, first)
+    looked.learn(first)
+    memory, config = looked.memory, looked.memory.config
+    smooth = ~memory.edges.crease
+    assert np.median(memory.mean_square[smooth & ~memory.known]) < 0.5 * config.unknown_px**2
+    assert np.median(memory.mean_square[~smooth & ~memory.known]) == config.unknown_px**2
+    # Half a turn of the round part about its axis: the same image, of samples that were not seen before.
+    turned = first @ axis_turn(part, 90.0)
+    beside = Looked(looked.solver, looked.solver.look(image, CAMERA, turned, 4))  # type: ignore[arg-type]
+    edges = beside.edges(turned)
+    new = smooth[edges.sample_ids] & ~memory.known[edges.sample_ids]
+    weights = np.asarray(beside.measure(turned, FINE, edges).weights)[new]
+    memory.mean_square[smooth & ~memory.known] = config.unknown_px**2
+    before = np.asarray(beside.measure(turned, FINE, edges).weights)[new]
+    assert weights.sum() > 2.0 * before.sum() > 0.0
+    # Where the same lines are seen again, what was not seen is unknown.
+    looked.learn(first, trusted=False)
+    assert np.median(memory.mean_square[smooth & ~memory.known]) > 0.8 * config.unknown_px**2
+
+
+def axis_turn(part: Part, angle_deg: float) -> FloatArray:
+    """(4, 4) about the part's z axis."""
+    turn = np.eye(4)
+    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    turn[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    turn[:3, 3] = part.box_centre - turn[:3, :3] @ part.box_centre
+    return turn
 
 
 # ---- what the solver makes of it -----------------------------------------------------------------------------
