@@ -393,7 +393,8 @@ class Tracker:
         if verdict is Verdict.WRONG:
             self._fitted = False
             return self._states.lose("a second look found it elsewhere")
-        self._states.doubted = verdict is Verdict.OPEN
+        if verdict is Verdict.RIGHT:
+            self._states.doubted, self._last_seen = False, solution.cam_T_obj
         return ""
 
     def _try(self, frame: Frame, proposals: list[FloatArray], clock: Stopwatch) -> Solution | None:

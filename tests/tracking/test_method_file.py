@@ -89,7 +89,7 @@ FUSED = Method(
     sight=PictureSearch(20, 0.5, 0.7, 0.4, 0.2, 3.0, 3.0, 5.0),
     start=TrustedStart(agreement_alone=0.65),
     recovery=Alternatives(0.7, 0.1, 0.2, 0.01, 5.0),
-    way_back=WayBack(1e4, 3, 0.7),
+    way_back=WayBack(1e4, 3, 0.7, 0.3),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0),
     tones=ToneMatching(9.0, 0.4, 0.3, 0.7),
     uncertainty=PoseUncertainty(1.0, 0.2, 0.3, 0.4),

@@ -221,6 +221,34 @@ def test_a_doubtful_return_teaches_nothing_and_is_lost_again_when_it_is_wrong(
     assert len(learnt) == before
 
 
+def test_a_part_that_was_weak_and_turns_up_elsewhere_is_doubted(
+    far_away: tuple[PreparedPart, list[ByteImage], list[FloatArray]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half hidden it may have slid on to something else without ever being lost."""
+    model, images, truth = far_away
+    qualities = iter([0.9, 0.9, 0.4, 0.4, 0.7, 0.7, 0.7])
+    asked: list[int] = []
+    places: list[FloatArray] = []
+    answers = iter([Verdict.OPEN, Verdict.RIGHT])
+
+    def doubts(_: Reacquisition, frame: Frame, pose: FloatArray, quality: float, last_seen: FloatArray) -> bool:
+        asked.append(frame.index)
+        places.append(last_seen)
+        return len(asked) == 1
+
+    monkeypatch.setattr(Tracker, "_quality", lambda *_: next(qualities))
+    monkeypatch.setattr(Reacquisition, "doubts", doubts)
+    monkeypatch.setattr(Reacquisition, "second_look", lambda *_: next(answers))
+    tracker = Tracker(model)
+    results = [tracker.start(Frame(0, images[0], LARGE), truth[0])]
+    results += [tracker.track(Frame(k, images[0], LARGE)) for k in range(1, 7)]
+    tracking, weak = TrackState.TRACKING, TrackState.WEAK
+    assert [result.state for result in results] == [tracking] * 2 + [weak] * 4 + [tracking]
+    assert asked == [4, 6]
+    assert np.array_equal(places[0], results[1].cam_T_obj)  # where it was tracked last
+    assert np.array_equal(places[1], results[5].cam_T_obj)  # believed, so it is not looked at again
+
+
 # ---- in a tracker ----------------------------------------------------------------------------------------------
 
 
