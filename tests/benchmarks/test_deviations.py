@@ -9,8 +9,8 @@ import numpy as np
 
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.tracking.method import METHODS
-from benchmarks.deviations import Run, mean_rows, of_painted_regions, steps
-from tests.prepared_sample import sample_model
+from benchmarks.deviations import DecodedScene, Run, floor, mean_rows, of_painted_regions, steps
+from tests.prepared_sample import sample_model, sample_scene
 
 
 def test_each_step_changes_one_part() -> None:
@@ -43,3 +43,11 @@ def test_exact_edges_are_those_of_the_painted_regions() -> None:
     found = of_painted_regions(PreparedPart(**values | {"networks": networks, "autoencoders": painted}))
     assert found.networks.regions == (4,)
     assert found.templates is None
+
+
+def test_true_images_are_read_to_a_fraction_of_a_pixel() -> None:
+    found = floor(DecodedScene(sample_scene()), sample_model(), views=5)
+    assert 0.0 < found["there_px"] < 0.25
+    assert 0.0 < found["back_px"] < 0.3
+    assert found["f_score"] > 0.97
+    assert found["bias_percent"] < 0.4
