@@ -128,7 +128,8 @@ def errors_along(
     first, *others = list(decoded.frames())[:: -1 if backwards else 1]
     rng = np.random.default_rng([SEED, decoded.scene_id, object_id])
     pose = disturb_pose(decoded.truth(first.index, object_id), model.part.box_centre, *off, rng)
-    tracker, poses = Tracker(model, method), list[FloatArray]()
+    tracker = Tracker(model, method)
+    poses: list[FloatArray] = []
     begin = time.process_time()
     try:
         tracker.start(first, pose)
