@@ -4,7 +4,8 @@ Every step is on the ridges of the painted edge image but two: "true images" has
 network should have painted, "exact edges" the visibility network's edges, in the same view regions. Steps before
 "frame at the pose" need auto-encoders of a frame at the prediction, of the same length of training. From truth, no
 resets, the first frame left out, one thread. The bias of a painting is that of the pose which fits it best at the true
-pose (`acp_lab.studies.painting_bias`). `--causes` runs the last step and these two alone, forwards and backwards.
+pose (`acp_lab.studies.painting_bias`). `--causes` runs the last step and these two alone, forwards and backwards;
+`--floor` reads ridges off true images of a hundred views of the first frame's region, and needs no auto-encoder.
 
 Example: python -m benchmarks.deviations path/to/dataset/test/000001... --parts out/parts --literal-parts out/literal
 (prepared before: acp-lab prepare MESH --out out/parts/DATASET, again with --generator autoencoder, and
@@ -42,6 +43,12 @@ LITERAL_STEPS = ("literal", "+ residual homography", "without frame at the pose"
 UNITS = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter, mean over sequences",
     "ms": "CPU ms per frame, median over sequences",
+}
+
+PAINTED = {
+    "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
+    "f_score": "at one canonical px, held-out views",
+    "bias_percent": "ADD of the pose fitted to what is painted at the true pose, % of the diameter, median",
 }
 
 
@@ -121,7 +128,8 @@ def errors_along(
     first, *others = list(decoded.frames())[:: -1 if backwards else 1]
     rng = np.random.default_rng([SEED, decoded.scene_id, object_id])
     pose = disturb_pose(decoded.truth(first.index, object_id), model.part.box_centre, *off, rng)
-    tracker, poses = Tracker(model, method), list[FloatArray]()
+    tracker = Tracker(model, method)
+    poses: list[FloatArray] = []
     begin = time.process_time()
     try:
         tracker.start(first, pose)
@@ -184,6 +192,37 @@ def painting(decoded: DecodedScene, model: PreparedPart, every: int = 3) -> dict
     }
 
 
+def floor(decoded: DecodedScene, model: PreparedPart, views: int = 100) -> dict[str, float]:
+    """The same of true edge images of views of the region that the first frame shows: the best that can be painted."""
+    from acp_lab.cad.raycast import make_caster
+    from acp_lab.control_points.canonical_frame import eye_position
+    from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
+    from acp_lab.generator.painted.edge_images import (
+        OUTLINE_SHARE_OF_BREAK,
+        EdgeImageConfig,
+        draw_views,
+        make_edge_views,
+        true_points,
+    )
+    from acp_lab.generator.painted.edge_points import ridge
+    from acp_lab.generator.painted.pose_bias import pose_bias
+    from acp_lab.generator.painted.quality import generation_quality
+
+    part, still = model.part, np.eye(3)
+    region = ALL_REGIONS[choose_region(eye_position(decoded.first_pose) - part.box_centre, 0.5 * part.box_size)]
+    config = EdgeImageConfig(outline_inset_mm=OUTLINE_SHARE_OF_BREAK * model.edge_break_mm)
+    drawn = make_edge_views(part, make_caster(part), region, config, views, SEED)
+    images = np.concatenate([draw_views([view], still[None], config.line_sigma_px) for view in drawn])
+    quality = generation_quality(images, [true_points(view, still) for view in drawn])
+    biases = [pose_bias(ridge(image), view, part) for image, view in zip(images, drawn, strict=True)]
+    return {
+        "there_px": quality.generated_to_true_px,
+        "back_px": quality.true_to_generated_px,
+        "f_score": quality.f_score,
+        "bias_percent": 100.0 * float(np.nanmedian(biases)),
+    }
+
+
 def mean_rows(runs: list[Run]) -> dict[str, dict[str, float]]:
     """Per step the mean over sequences."""
     rows = {}
@@ -201,13 +240,17 @@ def main() -> None:
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
     parser.add_argument("--literal-parts", type=Path, help="the same for a frame at the prediction")
     parser.add_argument("--causes", action="store_true", help="painted ridges, true images and exact edges only")
+    parser.add_argument("--floor", action="store_true", help="how exact ridges of true images are; no auto-encoder")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     from acp_lab.sequences import open_sequence
     from acp_lab.studies.perfect_painter import perfectly_painted
 
+    if options.floor:
+        print_floor(options.scenes, options.parts, options.record)
+        return
     if options.literal_parts is None and not options.causes:
-        parser.error("give --literal-parts, or --causes, which needs none")
+        parser.error("give --literal-parts, or --causes or --floor, which need none")
     runs, painted = list[Run](), {}
     for folder in options.scenes:
         decoded = DecodedScene(open_sequence(folder))
@@ -239,6 +282,21 @@ def main() -> None:
         record_path(runs, rows, painted)
 
 
+def print_floor(scenes: list[Path], parts: Path, to_record: bool) -> None:
+    """Of each sequence's part; into docs/measured.json if wanted."""
+    from acp_lab.sequences import open_sequence
+    from benchmarks.measured import record
+
+    rows = {}
+    for folder in scenes:
+        decoded = DecodedScene(open_sequence(folder))
+        rows[name_of(decoded.scene)] = floor(decoded, load(parts, decoded.scene))
+        print(name_of(decoded.scene), rows[name_of(decoded.scene)], flush=True)
+    if to_record:
+        about = "ridges of true edge images, 100 views of the region that a sequence begins in"
+        record("painting.floor", about, PAINTED, ", ".join(rows), rows)
+
+
 def record_causes(runs: list[Run], rows: dict[str, dict[str, float]]) -> None:
     """Into docs/measured.json, each sequence as the mean of its two orders."""
     from benchmarks.measured import record
@@ -266,12 +324,7 @@ def record_path(runs: list[Run], rows: dict[str, dict[str, float]], painted: dic
     record("deviations", "acp-paper-literal to acp-paper, cumulative, from truth, no resets", UNITS, data, rows)
     each = {f"{run.sequence}: {run.step}": run.shares for run in runs}
     record("deviations.each", "the same, each sequence", {"@*": UNITS["@*"].split(",")[0]}, data, each)
-    unit = {
-        "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
-        "f_score": "at one canonical px, held-out views",
-        "bias_percent": "ADD of the pose fitted to what is painted at the true pose, % of the diameter, median",
-    }
-    record("painting", "the auto-encoders of the parts of these sequences", unit, data, painted)
+    record("painting", "the auto-encoders of the parts of these sequences", PAINTED, data, painted)
 
 
 if __name__ == "__main__":

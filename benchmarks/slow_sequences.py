@@ -28,6 +28,7 @@ from acp_lab.evaluation.bootstrap import bootstrap_mean  # noqa: E402
 from benchmarks.ablation import STARTS  # noqa: E402
 from benchmarks.deviations import (  # noqa: E402
     LIMITS,
+    PAINTED,
     DecodedScene,
     errors_along,
     load,
@@ -132,12 +133,7 @@ def record_all(
     data = ", ".join(painted)
     record("slow", about, {"@*": f"{unit}, mean over sequences, and its 95% interval"}, data, pooled)
     record("slow.each", "the same, each sequence, from truth", {"@*": unit}, data, each)
-    units = {
-        "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
-        "f_score": "at one canonical px, held-out views",
-        "bias_percent": "ADD of the pose fitted to what is painted at the true pose, % of the diameter, median",
-    }
-    record("slow.painting", "the auto-encoders of these parts, over the regions trained", units, data, painted)
+    record("slow.painting", "the auto-encoders of these parts, over the regions trained", PAINTED, data, painted)
 
 
 if __name__ == "__main__":

@@ -30,8 +30,12 @@ from acp_lab.generator.painted.image_generator import POINT_SETS, PointSet
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 from acp_lab.prepared_part import PreparedPart
 
-# Where the search for an eye begins, diameters off, on the region's axis.
+# Where the search for an eye begins: diameters off; and how far off the region's axis, as shares of the way to its
+# border. On the axis, and if that ends elsewhere, around it.
 _START = 4.0
+_ASIDE = [(0.0, 0.0), *((0.9 * x, 0.9 * y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y)]
+# A search that ends with control points further off has ended elsewhere, px.
+_FOUND_PX = 0.05
 
 
 class PerfectPainter:
@@ -76,9 +80,20 @@ class PerfectPainter:
             distance = part.radius + np.exp(x[2])
             return np.asarray(part.box_centre + distance * direction / np.linalg.norm(direction), np.float64)
 
-        start = np.array([0.0, 0.0, np.log(_START * part.diameter)])
-        found = least_squares(lambda x: (self._frame(eye_obj(x), region).project(w_obj) - points).ravel(), start)
-        return eye_obj(found.x)
+        def off_px(x: FloatArray) -> FloatArray:
+            return np.asarray(self._frame(eye_obj(x), region).project(w_obj) - points).ravel()
+
+        sides = np.roll(part.box_size, -view.axis)
+        best, least_px = np.zeros(3), np.inf
+        for share in _ASIDE:
+            start = np.array([*(np.array(share) * sides[1:] / sides[0]), np.log(_START * part.diameter)])
+            found = least_squares(off_px, start)
+            worst_px = float(np.abs(found.fun).max())
+            if worst_px < least_px:
+                best, least_px = found.x, worst_px
+            if least_px < _FOUND_PX:
+                break
+        return eye_obj(best)
 
 
 @dataclass(frozen=True)

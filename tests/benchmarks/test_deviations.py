@@ -8,9 +8,10 @@ from dataclasses import fields
 import numpy as np
 
 from acp_lab.prepared_part import PreparedPart, Trained
+from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.tracking.method import METHODS
-from benchmarks.deviations import Run, mean_rows, of_painted_regions, steps
-from tests.prepared_sample import sample_model
+from benchmarks.deviations import DecodedScene, Run, errors_along, floor, mean_rows, of_painted_regions, steps
+from tests.prepared_sample import sample_model, sample_scene
 
 
 def test_each_step_changes_one_part() -> None:
@@ -43,3 +44,24 @@ def test_exact_edges_are_those_of_the_painted_regions() -> None:
     found = of_painted_regions(PreparedPart(**values | {"networks": networks, "autoencoders": painted}))
     assert found.networks.regions == (4,)
     assert found.templates is None
+
+
+def test_true_images_are_read_to_a_fraction_of_a_pixel() -> None:
+    found = floor(DecodedScene(sample_scene()), sample_model(), views=5)
+    assert 0.0 < found["there_px"] < 0.25
+    assert 0.0 < found["back_px"] < 0.3
+    assert found["f_score"] > 0.97
+    assert found["bias_percent"] < 0.4
+
+
+def test_a_method_along_a_sequence_in_both_orders_and_from_a_start_that_is_off() -> None:
+    scene, model = sample_scene(), sample_model()
+    short = DecodedScene(AlteredSequence(scene, frame_ids=scene.frame_ids[:4]))
+    method = METHODS["acp-edges"]
+    for backwards in (False, True):
+        errors, ms = errors_along(short, model, method, backwards=backwards)
+        assert errors.shape == (3,)
+        assert errors.max() < 0.02
+        assert ms > 0.0
+    off = errors_along(short, model, method, (4.0, 4.0))[0]
+    assert not np.array_equal(off, errors_along(short, model, method)[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,10 @@ from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.painted.training import train_autoencoder
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
 from acp_lab.prepared_part import PreparedPart, Trained
+from acp_lab.sequences.frame import Frame
+from acp_lab.studies.perfect_painter import perfectly_painted
 from acp_lab.tracking.method import ACP_PAPER, DIRECT_6DOF, UNOPTIMISED_POINTS
 from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.tracker import Tracker
@@ -123,3 +127,24 @@ def test_another_networks_painting_loses_the_part(
 def test_the_literal_path_needs_a_network_of_its_own(model: PreparedPart) -> None:
     with pytest.raises(PreparationError, match="--painting-frame prediction"):
         Tracker(model, "acp-paper-literal")
+
+
+@pytest.mark.slow
+def test_painted_edges_go_on_in_the_next_region() -> None:
+    """A block turns from region +z into +x. Its images are painted without errors, and cost nothing to train."""
+    part = box((60.0, 40.0, 50.0))
+    w = {k: mid_section_points(part.box_min, part.box_max, ALL_REGIONS[k].axis) for k in (0, REGION)}
+    model = replace(prepared(part), regressed_points=Trained(w, {k: {"region": k} for k in w}))
+    half, camera = 0.5 * part.box_size, Camera(300, 240, 700.0, 700.0, 149.5, 119.5)
+    truth = [looking_at(part, np.array([x, 0.6, 1.0]) * half, 330.0, 0.2) for x in np.linspace(0.95, 1.4, 12)]
+    tracker = Tracker(perfectly_painted(model, tuple(w)), DIRECT_6DOF)
+    results = []
+    for index, pose in enumerate(truth):
+        frame = Frame(index, draw([(part, pose)], index, camera), camera)
+        results.append(tracker.track(frame) if index else tracker.start(frame, pose))
+    found = [result.region for result in results]
+    assert (found[0], found[-1]) == (REGION, 0)
+    assert sum(a != b for a, b in itertools.pairwise(found)) == 1
+    off = [add_percent(part, result.cam_T_obj, pose) for result, pose in zip(results, truth, strict=True)]
+    assert max(off) < 2.0
+    assert add_percent(part, truth[0], truth[-1]) > 6.0, "the part hardly moves"
