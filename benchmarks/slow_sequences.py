@@ -5,6 +5,9 @@ and the paper's two ablations on painted ridges, a pose varied (w/o CP) and poin
 Defaults, no resets, the first frame left out, one thread; forwards and backwards, since single runs scatter. Intervals
 are 95% from a hierarchical block bootstrap over the sequences, each with its two orders one after the other.
 
+`--true-images` needs no auto-encoder: the paintings are true edge images in the regions that a sequence shows, from
+truth. What is lost then no generator can win back.
+
 Example: python -m benchmarks.slow_sequences path/to/dataset/test/000001... --parts out/parts
 (prepared before: acp-lab prepare MESH --out out/parts/DATASET, again with --generator autoencoder)
 """
@@ -13,9 +16,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from acp_lab.commands import machine
 
@@ -24,11 +28,13 @@ machine.limit_threads(1)
 
 import numpy as np  # noqa: E402
 
+from acp_lab.cad.raycast import make_caster  # noqa: E402
 from acp_lab.evaluation.bootstrap import bootstrap_mean  # noqa: E402
 from benchmarks.ablation import STARTS  # noqa: E402
 from benchmarks.deviations import (  # noqa: E402
     LIMITS,
     PAINTED,
+    SEED,
     DecodedScene,
     errors_along,
     load,
@@ -69,6 +75,33 @@ def tracked(folder: Path, parts: Path) -> Iterator[SlowRun]:
         yield SlowRun(name_of(decoded.scene), start, name, np.concatenate(both))
 
 
+def tracked_on_true_images(folder: Path, parts: Path) -> Iterator[SlowRun]:
+    """All methods from truth on one sequence, true edge images in place of painted ones."""
+    from acp_lab.control_points.canonical_frame import eye_position
+    from acp_lab.control_points.regression import RegressionConfig, regress_points
+    from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
+    from acp_lab.prepared_part import Trained
+    from acp_lab.sequences import open_sequence
+    from acp_lab.studies.perfect_painter import perfectly_painted
+
+    decoded = DecodedScene(open_sequence(folder))
+    model = load(parts, decoded.scene)
+    part, object_id = model.part, decoded.object_ids[0]
+    eyes = [eye_position(decoded.truth(frame_id, object_id)) for frame_id in decoded.frame_ids]
+    regions = sorted({choose_region(eye - part.box_centre, 0.5 * part.box_size) for eye in eyes})
+    points, networks, caster = model.regressed_points, Trained[Any, Any](), make_caster(part)
+    for k in regions:
+        w_obj, _ = regress_points(part, model.edges, caster, ALL_REGIONS[k], RegressionConfig(), SEED, None)
+        points = points.with_region(k, w_obj, {})
+        networks = networks.with_region(k, model.networks[k], model.networks.reports[k])
+    model = replace(model, regressed_points=points, templates=None, networks=networks)
+    painted = perfectly_painted(model, tuple(regions))
+    for name, step in METHODS.items():
+        shown = model if name == "exact edges" else painted
+        both = [errors_along(decoded, shown, steps()[step], backwards=way)[0] for way in (False, True)]
+        yield SlowRun(name_of(decoded.scene), "truth", name.replace("painted", "true"), np.concatenate(both))
+
+
 def pooled_rows(runs: list[SlowRun]) -> dict[str, dict[str, list[float]]]:
     """Per start and method the mean over sequences and its interval."""
     rows = {}
@@ -93,16 +126,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="+", type=Path, help="scene folders of BOP data sets")
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
+    parser.add_argument("--true-images", action="store_true", help="in place of painted ones; no auto-encoder")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
 
     runs, painted = list[SlowRun](), {}
     for folder in options.scenes:
-        for run in tracked(folder, options.parts):
+        for run in (tracked_on_true_images if options.true_images else tracked)(folder, options.parts):
             runs.append(run)
             shares = " ".join(f"{(run.errors < limit).mean():.2f}" for limit in LIMITS.values())
             print(f"{run.sequence}, {run.start}: {run.method} {shares}", flush=True)
-        painted |= paintings(folder, options.parts)
+        if not options.true_images:
+            painted |= paintings(folder, options.parts)
     pooled, each = pooled_rows(runs), sequence_rows(runs)
     for name, row in pooled.items():
         print(f"| {name} | " + " | ".join(f"{m:.2f} [{low:.2f}, {high:.2f}]" for m, low, high in row.values()) + " |")
@@ -130,9 +165,13 @@ def record_all(
 
     unit = "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter"
     about = "acp-paper on painted and on exact edges, and its ablations, slow sequences, forwards and backwards"
-    data = ", ".join(painted)
-    record("slow", about, {"@*": f"{unit}, mean over sequences, and its 95% interval"}, data, pooled)
-    record("slow.each", "the same, each sequence, from truth", {"@*": unit}, data, each)
+    data = ", ".join(dict.fromkeys(name.split(":")[0] for name in each))
+    entry = "slow" if painted else "slow.true_images"
+    about = about if painted else about.replace("painted", "true edge images")
+    record(entry, about, {"@*": f"{unit}, mean over sequences, and its 95% interval"}, data, pooled)
+    record(f"{entry}.each", "the same, each sequence, from truth", {"@*": unit}, data, each)
+    if not painted:
+        return
     record("slow.painting", "the auto-encoders of these parts, over the regions trained", PAINTED, data, painted)
 
 
