@@ -33,6 +33,7 @@ import numpy as np  # noqa: E402
 from acp_lab.cad.part import box_corners  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.pose import rotation_angle_deg, transform  # noqa: E402
+from acp_lab.machine import short_collections  # noqa: E402
 from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
@@ -120,7 +121,8 @@ def main() -> None:
             scene = BopDataset(root).open_scene(scene_id)
             if not is_in_split(part_name(root, scene.object_ids[0]), args.split):
                 continue
-            new = list(_returns(scene, args.parts, method, args.kinds.split(",")))
+            with short_collections():
+                new = list(_returns(scene, args.parts, method, args.kinds.split(",")))
             print(root.name, scene_id, *(_told(one) for one in new), sep="  ", flush=True)
             returns += new
     rows = sorted({one.row for one in returns}, key=[*HIDDEN, "elsewhere"].index)

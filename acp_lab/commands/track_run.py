@@ -18,6 +18,7 @@ from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
 from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
+from acp_lab.machine import short_collections
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import Method
@@ -267,13 +268,10 @@ def _follow(
     most = None if options.max_frames is None else options.max_frames - job.tracked_before
     count = len(job.sequence.frame_ids)
     seen, reporter = SummaryObserver(before), Reporter(min(count, most or count))
-    follow_sequence(
-        {object_id: Tracker(model, method) for object_id, model in job.models.items()},
-        job.sequence,
-        job.starts,
-        observers=(listening[0], seen, reporter, *listening[1:]),
-        max_frames=most,
-    )
+    trackers = {object_id: Tracker(model, method) for object_id, model in job.models.items()}
+    observers = (listening[0], seen, reporter, *listening[1:])
+    with short_collections():
+        follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
     return seen.objects
 
 

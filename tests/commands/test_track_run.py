@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import shutil
 import time
@@ -51,6 +52,21 @@ def test_a_row_per_frame_and_object(
     assert all(0.0 <= row.score <= 1.0 and row.time_s > 0.0 for row in rows)
     assert outcome.err.count("\n") == 1
     assert "templates" in outcome.err  # which generator was used
+
+
+def test_a_collection_of_garbage_does_not_hold_up_a_frame(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left_alone, solve = list[int](), FrameSolver.solve
+
+    def counted(*given: Any) -> Any:
+        left_alone.append(gc.get_freeze_count())
+        return solve(*given)
+
+    monkeypatch.setattr(FrameSolver, "solve", counted)
+    track(capsys, dataset, parts, tmp_path / "results.csv")
+    assert min(left_alone) > 10_000
+    assert gc.get_freeze_count() == 0
 
 
 def test_the_boxes_are_followed(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
