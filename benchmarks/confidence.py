@@ -62,6 +62,7 @@ BINS = 10
 NEVER_LOST = StateConfig(weak_below=0.0, tracking_above=0.0, lost_below=0.0, found_above=0.0)
 UNIT = {
     "frames": "judged poses",
+    "wrong": "those with an ADD above 10%",
     "auc": "area under the ROC curve against ADD above 10%",
     "ece": "expected calibration error, right: ADD below 5%",
 }
@@ -236,6 +237,7 @@ def _row(judged: list[Judged], confidence: Confidence) -> dict[str, float]:
     quality, error = qualities(judged, confidence), np.array([one.error for one in judged])
     return {
         "frames": len(judged),
+        "wrong": int((error > WRONG).sum()),
         "auc": area_under_curve(quality, error <= WRONG),
         "ece": calibration_error(quality, error < RIGHT),
     }
