@@ -72,6 +72,17 @@ def test_layout(dataset: Path) -> None:
     assert not [path for path in dataset.parent.iterdir() if path.name.startswith(".")]
 
 
+def assert_same(path: Path, expected: Path) -> None:
+    """To the byte; images but for rounding, which libraries do not promise: a grey that tips over moves a block."""
+    if path.suffix != ".jpg":
+        assert path.read_bytes() == expected.read_bytes(), path
+        return
+    image, other = (cv2.imread(str(each)).astype(int) for each in (path, expected))
+    off = np.abs(image - other)
+    assert off.max() <= 8, path
+    assert (off > 0).mean() < 0.02, path
+
+
 @pytest.mark.slow
 def test_two_processes_render_what_one_renders(dataset: Path, tmp_path: Path) -> None:
     options = ("--parts", "slot_block,l_bracket", "--kinds", "regular,occlusion", "--edge-break", "0,0.3")
@@ -79,7 +90,7 @@ def test_two_processes_render_what_one_renders(dataset: Path, tmp_path: Path) ->
     paths = [path.relative_to(dataset) for path in dataset.rglob("*") if path.is_file()]
     assert len(paths) == 3 + 2 * (2 + 4)
     for path in paths:
-        assert (tmp_path / "two" / path).read_bytes() == (dataset / path).read_bytes(), path
+        assert_same(tmp_path / "two" / path, dataset / path)
 
 
 def test_same_seed_same_truth_and_another_seed_another(dataset: Path, tmp_path: Path) -> None:
@@ -89,7 +100,7 @@ def test_same_seed_same_truth_and_another_seed_another(dataset: Path, tmp_path: 
     names = ("scene_gt.json", "scene_camera.json", "rgb/000001.jpg")
     scene = "test/000001"
     for name in names:
-        assert (tmp_path / "same" / scene / name).read_bytes() == (dataset / scene / name).read_bytes()
+        assert_same(tmp_path / "same" / scene / name, dataset / scene / name)
     assert (tmp_path / "other" / scene / names[0]).read_bytes() != (dataset / scene / names[0]).read_bytes()
 
 
