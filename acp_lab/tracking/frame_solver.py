@@ -109,9 +109,8 @@ class FrameSolver:
     def _seen(self, view: FrameView) -> SeenFrame:
         return SeenFrame(view, tuple(memory.see(view, self.knowledge) for memory in self._memories))
 
-    def view(self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, box: tuple[int, ...]) -> FrameView:
+    def view(self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, box: Box) -> FrameView:
         """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1)."""
-        inside: Box = (box[0], box[1], box[2], box[3])
         return FrameView(
             camera,
             prior,
@@ -120,8 +119,8 @@ class FrameSolver:
             self.part,
             self.source.canonical_size,
             image=image,
-            box=inside,
-            edge_box=inside,
+            box=box,
+            edge_box=box,
         )
 
     def at_pose(self, seen: SeenFrame, cam_T_obj: FloatArray) -> Estimate:

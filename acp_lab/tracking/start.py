@@ -104,13 +104,13 @@ def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stop
     if solved is None:
         return None
     found = search_cloud(solver, seen, view.prior, config.cloud) or solved
-    trusted = is_trusted(solver, seen, solved, config)
-    trusted = trusted and _agreement_ratio(solver, seen, found) >= config.surpassed
+    ratio = _agreement_ratio(solver, seen, found)
+    trusted = is_trusted(solver, seen, solved, config) and ratio >= config.surpassed
     pose, steps = (view.prior, tuple[TrackStep, ...]()) if trusted else (found.cam_T_obj, found.steps)
     is_exact = trusted and is_trusted(solver, seen, solved, replace(config, agreement_alone=_NEVER))
     matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
     if not is_exact and bias_mm and matches is not None:
-        ratio = min(_agreement_ratio(solver, seen, best) for best in (solved, found))
+        ratio = min(ratio, _agreement_ratio(solver, seen, solved))
         pose = weighed_start(view, found.cam_T_obj, matches, bias_mm, ratio)
     # Where the search left the image, stay with what the given pose led to.
     looked = solver.look_at(seen, view.at_pose(pose), LOOK_LEVEL, clock) or solved

@@ -63,7 +63,7 @@ class StateMachine:
         return self.state is TrackState.WEAK and not self.doubted and quality > self.config.tracking_above
 
     def lose(self, reason: str) -> str:
-        """The part is somewhere else, however well the last frame fitted; the reason when the state changed."""
+        """The part is somewhere else, however well the last frame fitted; the change and its reason."""
         before, self.state, self._lost, self._high = self.state, TrackState.LOST, 1, 0
         self.doubted = False
         return f"{before} -> {self.state}: {reason}"

@@ -275,7 +275,7 @@ class Tracker:
         levels: tuple[Level, ...] | None = None,
     ) -> SeenFrame | None:
         clock.lap()
-        seen = self.solver.look(frame.image, frame.camera, prior, self._region, None, information, levels)
+        seen = self.solver.look(frame.image, frame.camera, prior, self._region, information=information, levels=levels)
         clock.image_s += clock.lap()
         return seen
 
@@ -302,10 +302,10 @@ class Tracker:
         found = better(short, self._solve(frame, self.predicted, clock))
         if was_sighted and (found is None or found.score < _USUAL * min(self._mean_score, self._last_score)):
             # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
-            sighted, self._predictor = self._predictor, unsighted
+            sighted, region, self._predictor = self._predictor, self._region, unsighted
             unled = self._solve(frame, self.predicted, clock)
             if better(found, unled) is found:
-                self._predictor = sighted
+                self._predictor, self._region = sighted, region
             else:
                 found = unled
         return self.predicted, found
@@ -422,7 +422,7 @@ class Tracker:
         return steady
 
     def _sight(self, frame: Frame, clock: Stopwatch) -> bool:
-        """Correct the prediction by where the part's last picture is in the new frame; whether there was need to."""
+        """Correct the prediction by where the part's last picture is in the new frame; whether that changed it."""
         config, before = self.method.sight, self.predicted
         if isinstance(config, Off) or self._picture is None:
             return False

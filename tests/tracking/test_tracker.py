@@ -708,6 +708,27 @@ def test_a_picture_that_was_found_elsewhere_does_not_lead_the_part_astray(
     np.testing.assert_allclose(tracker.predicted, unled.predicted, atol=1e-6)
 
 
+def test_a_try_that_was_not_taken_leaves_no_view_region_behind(
+    model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the motion foretold may be seen from another side; where the led try is better, its side is in use."""
+    truth, images = truth_of(sequence), images_of(sequence)
+    tracker = Tracker(model, replace(ACP, recovery=Off()))
+    tracker.start(Frame(0, images[0], CAMERA), truth[0])
+    solve, regions = Tracker._solve, [4, 2]
+
+    def in_turn(self: Tracker, *given: Any) -> Solution | None:
+        found = solve(self, *given)
+        self._region = regions.pop(0)
+        self._mean_score = self._last_score = 10.0  # nothing is as good as usual
+        return found if regions else None
+
+    monkeypatch.setattr(Tracker, "_solve", in_turn)
+    monkeypatch.setattr(Tracker, "_sight", lambda *_: True)
+    assert tracker.track(Frame(1, images[1], CAMERA)).region == 4
+    assert not regions, "both were tried"
+
+
 def test_a_picture_is_not_searched_with_another_camera(
     model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
