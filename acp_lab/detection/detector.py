@@ -84,7 +84,8 @@ class Detector:
         """Make all of it now instead of when it is first asked for; the compiled loops are loaded, too."""
         import acp_lab.detection.kernels
 
-        _ = self.views, self.templates.reads, self.groups, self._template_rotations, acp_lab.detection.kernels
+        _ = self.views, self.templates.reads, self.groups, self._template_rotations, self.fine_views.by_axis
+        _ = acp_lab.detection.kernels
 
     @cached_property
     def views(self) -> Views:

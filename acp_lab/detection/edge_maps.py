@@ -15,12 +15,15 @@ from acp_lab.detection.work import Steps
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.imaging.edge_search import SCHARR_GAIN
 
+NO_EDGE = 255
+"""Where no edge runs, among the bins of directions."""
 LEAST_GRADIENT = 5.0
 """Grey levels per px; below lie noise and brushed surfaces."""
 _BLUR_PX = 0.8
 _BAND_PIXELS, _OVERLAP = 100_000, 4
 """Of the slices in which an image is gone through; rows beside a slice that the filters reach."""
-MEDIAN_WORK, BLUR_WORK, GRADIENT_WORK, THIN_WORK, DISTANCE_WORK, LAYER_WORK = 0.006, 0.008, 0.003, 0.008, 0.006, 0.0015
+MEDIAN_WORK, BLUR_WORK, GRADIENT_WORK, THIN_WORK = 0.006, 0.008, 0.003, 0.008
+DISTANCE_WORK, TRANSPOSE_WORK, LAYER_WORK = 0.006, 0.004, 0.0015
 """Of a pixel, see `work`."""
 RESIZE_WORK = 0.0015
 """Of a value that is read or written."""
@@ -61,7 +64,7 @@ def direction_bins(tangents: FloatArray, bins: int, turned_rad: FloatArray | flo
 
 
 def oriented_edges(image: ByteImage, bins: int) -> Steps[ByteImage]:
-    """(bins, h, w) uint8: 1 where an edge of that direction runs, one px wide; of the strongest colour channel."""
+    """(h, w) uint8: the bin of the edge that runs here, one px wide, or NO_EDGE; of the strongest colour channel."""
     from acp_lab.detection.kernels import strongest_gradients, thin_oriented
 
     height, width = image.shape[:2]
@@ -76,11 +79,11 @@ def oriented_edges(image: ByteImage, bins: int) -> Steps[ByteImage]:
     for first, last in bands(height, width):
         strongest_gradients(red, green, blue, np.float32(SCHARR_GAIN), first, last, gx, gy)
         yield GRADIENT_WORK * (last - first) * width
-    edges = np.zeros((bins, height, width), np.uint8)
+    directions: ByteImage = np.full((height, width), NO_EDGE, np.uint8)
     for first, last in bands(height, width):
-        thin_oriented(gx, gy, np.float32(LEAST_GRADIENT), np.uint8(1), first, last, edges)
+        thin_oriented(gx, gy, np.float32(LEAST_GRADIENT), bins, first, last, directions)
         yield THIN_WORK * (last - first) * width
-    return edges
+    return directions
 
 
 def bands(height: int, width: int) -> Iterator[tuple[int, int]]:
@@ -90,11 +93,37 @@ def bands(height: int, width: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + step, height)
 
 
-def distances(edges: ByteImage, most_px: float) -> Steps[Float32Array]:
-    """(bins, h, w) px to the nearest edge of each direction, at most `most_px`."""
-    found = np.empty(edges.shape, np.float32)
-    for layer, out in zip(edges, found, strict=True):
-        cv2.distanceTransform(1 - layer, cv2.DIST_L2, 3, dst=out)
-        np.minimum(out, np.float32(most_px), out=out)
-        yield DISTANCE_WORK * layer.size
+def distances(directions: ByteImage, bins: int, most_px: float, per_bin_px: float = np.inf) -> Steps[Float32Array]:
+    """(bins, h, w) px from each pixel to the nearest edge of each direction, at most `most_px`.
+
+    directions: (h, w) from `oriented_edges`, of at most LANES bins. per_bin_px: an edge one or two bins away counts as
+    that much further for each, an edge of any other direction not at all.
+
+    The distance is the sum of steps from pixel to pixel, as in OpenCV's with a mask of 3 x 3, but of all directions in
+    one go: that takes a tenth of the time.
+    """
+    from acp_lab.detection.kernels import (
+        DISTANCE_UNITS,
+        LANES,
+        distances_from_above,
+        distances_from_below,
+        distances_in_px,
+    )
+
+    height, width = directions.shape
+    most = round(most_px * DISTANCE_UNITS)
+    lanes = np.full((height + 2, width + 2, LANES), most, np.int16)
+    for first, last in bands(height, width):
+        distances_from_above(directions, lanes.reshape(height + 2, -1), first, last)
+        yield DISTANCE_WORK * (last - first) * width
+    for first, last in reversed(list(bands(height, width))):
+        distances_from_below(lanes, first, last)
+        yield DISTANCE_WORK * (last - first) * width
+    planes = cv2.transpose(lanes.reshape(-1, LANES)).reshape(LANES, height + 2, width + 2)
+    yield TRANSPOSE_WORK * height * width
+    found: Float32Array = np.empty((bins, height, width), np.float32)
+    per_bin = np.int32(round(min(per_bin_px, most_px) * DISTANCE_UNITS))
+    for first, last in bands(height, width):
+        distances_in_px(planes, per_bin, first, last, found)
+        yield LAYER_WORK * (last - first) * width * bins
     return found

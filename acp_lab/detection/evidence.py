@@ -86,6 +86,7 @@ class Witness:
 
     def __init__(self, part: Part, generator: RigidGenerator, caster: RayCaster, maps: DistanceMaps) -> None:
         self._part, self._generator, self._caster, self._maps = part, generator, caster, maps
+        self._corners_obj = box_corners(part)
 
     def look(self, cam_T_obj: FloatArray) -> Evidence | None:
         """The evidence for a pose (4, 4); None where the part is behind the camera or hardly in the image."""
@@ -147,17 +148,19 @@ class Witness:
         return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
     def _corners(self, cam_T_obj: FloatArray) -> FloatArray:
-        corners = transform(cam_T_obj, box_corners(self._part))
+        corners = transform(cam_T_obj, self._corners_obj)
         corners[:, 2] = np.maximum(corners[:, 2], 1.0)
         return corners
 
     def _silhouette(self, cam_T_obj: FloatArray, camera: Camera, box: tuple[int, int, int, int]) -> BoolArray:
         """The part's mask in a box, by a ray for every other pixel of the map."""
         x0, y0, x1, y1 = box
-        x, y = np.meshgrid(np.arange(x0, x1, 2), np.arange(y0, y1, 2))
-        rays = camera.rays(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)) @ cam_T_obj[:3, :3]
+        x, y = np.arange(x0, x1, 2, dtype=np.float64), np.arange(y0, y1, 2, dtype=np.float64)
+        # Directions of pixels are linear in x and y.
+        first, right, down = camera.rays(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])) @ cam_T_obj[:3, :3]
+        rays = (first + y[:, None, None] * (down - first) + x[None, :, None] * (right - first)).reshape(-1, 3)
         eye = np.broadcast_to(eye_position(cam_T_obj), rays.shape)
-        hit = self._caster.occluded(eye, rays, 1e9).reshape(x.shape).astype(np.uint8)
+        hit = self._caster.occluded(eye, rays, 1e9).reshape(len(y), len(x)).astype(np.uint8)
         return cv2.resize(hit, (x1 - x0, y1 - y0), interpolation=cv2.INTER_NEAREST) > 0
 
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.edge_maps import LAYER_WORK, RESIZE_WORK, distances, oriented_edges, resized
+from acp_lab.detection.edge_maps import LAYER_WORK, NO_EDGE, RESIZE_WORK, distances, oriented_edges, resized
 from acp_lab.detection.view_templates import Views
 from acp_lab.detection.work import Steps, finish
 from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
@@ -24,6 +24,7 @@ _MAP_STEP = 1.25
 """Ratio of neighbouring maps' scales."""
 _MOST_MAP_PIXELS = 400_000
 """In a large image a part far away is searched at a coarser scale than `search_px` asks for: time stays bounded."""
+_MOST_PX = 12.0
 _PX_PER_BIN = 1.5
 """What an edge turned by one bin is away, in px of the map."""
 ZERO_LEVEL = 64
@@ -51,9 +52,9 @@ class Round:
 
 
 ROUNDS = (
-    Round(8.0, 6.0, 0.04, 0.05, 2, 90.0),
-    Round(4.0, 4.0, 0.02, 0.03, 3, 100.0),
-    Round(4.0, 2.0, 0.01, 0.015, 3, 50.0),
+    Round(8.0, 6.0, 0.04, 0.05, 2, 50.0),
+    Round(4.0, 4.0, 0.02, 0.03, 3, 55.0),
+    Round(4.0, 2.0, 0.01, 0.015, 3, 28.0),
 )
 
 
@@ -92,18 +93,10 @@ class DistanceMaps:
             return
         image = self.image(level)
         yield RESIZE_WORK * (self._image.size + image.size)
-        edges = yield from oriented_edges(image, MAP_BINS)
-        found = yield from distances(edges, 12.0)
-        for _ in range(2):  # a direction near that of the edge counts as a little further
-            first, before = found[0].copy(), found[-1].copy()
-            for k, layer in enumerate(found):
-                after = first if k == MAP_BINS - 1 else found[k + 1]
-                beside = np.minimum(before, after) + np.float32(_PX_PER_BIN)
-                before = layer.copy()
-                np.minimum(layer, beside, out=layer)
-                yield LAYER_WORK * layer.size
-        self._edges[level] = edges.max(0) > 0
-        yield LAYER_WORK * edges.size
+        directions = yield from oriented_edges(image, MAP_BINS)
+        # A direction near that of the edge counts as a little further.
+        found = yield from distances(directions, MAP_BINS, _MOST_PX, _PX_PER_BIN)
+        self._edges[level] = directions != NO_EDGE
         self._distances[level] = (image.shape[1] / self._image.shape[1], found)
 
     def image(self, level: int) -> ByteImage:
@@ -169,6 +162,7 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
     table = ((np.arange(256) - ZERO_LEVEL) / UNITS).astype(np.float32)
     eyes = -np.einsum("nji,nj->ni", poses.rotations, poses.centres)
     nearest = views.nearest(eyes)
+    points_obj, tangents_obj = views.by_axis
     levels = maps.level(poses.centres[:, 2].astype(np.float64))
     rotations, centres, scores = poses.rotations.copy(), poses.centres.copy(), poses.scores.copy()
     turn = np.float32(np.radians(how.turn_deg))
@@ -179,15 +173,14 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
         fx, fy, cx, cy = (np.float32(v) for v in maps.intrinsics(int(level)))
         for i in np.flatnonzero(levels == level):
             view = nearest[i]
-            points, tangents = views.points_obj[view], views.tangents_obj[view]
             scores[i] = climb(
                 image,
                 fx,
                 fy,
                 cx,
                 cy,
-                points,
-                tangents,
+                points_obj[view],
+                tangents_obj[view],
                 views.counts[view],
                 rotations[i],
                 centres[i],

@@ -14,7 +14,15 @@ import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.edge_maps import LAYER_WORK, RESIZE_WORK, distances, oriented_edges, removing_specks, resized
+from acp_lab.detection.edge_maps import (
+    LAYER_WORK,
+    RESIZE_WORK,
+    bands,
+    distances,
+    oriented_edges,
+    removing_specks,
+    resized,
+)
 from acp_lab.detection.view_templates import SCAN_BINS, STEP_PX, Templates
 from acp_lab.detection.work import Steps
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
@@ -89,29 +97,24 @@ def responses(image: ByteImage, config: DetectionConfig) -> Steps[Float32Array]:
     Half of it is said by the image after a median that takes thin lines out: grids and prints are weaker, bodies are
     not.
     """
-    plain = yield from _nearness(image, config.spread_px)
+    from acp_lab.detection.kernels import spread_by_direction
+
+    height, width = image.shape[:2]
+    response: Float32Array = np.zeros((SCAN_BINS, height, width), np.float32)
     clean = yield from removing_specks(image)
-    cleaned = yield from _nearness(clean, config.spread_px)
+    reach_px = np.float32(config.spread_px)
+    for seen in (image, clean):
+        directions = yield from oriented_edges(seen, SCAN_BINS)
+        found = yield from distances(directions, SCAN_BINS, config.spread_px)
+        for first, last in bands(height, width):
+            spread_by_direction(found, reach_px, np.float32(_NEIGHBOUR_SHARE), first, last, response)
+            yield LAYER_WORK * (last - first) * width * SCAN_BINS
     window = (int(config.scan_px), int(config.scan_px))
-    for layer, other in zip(plain, cleaned, strict=True):
-        layer += other
+    for layer in response:
         layer *= 0.5
         layer -= _LOCAL_MEAN_SHARE * cv2.boxFilter(layer, -1, window, borderType=cv2.BORDER_REFLECT)
-        yield LAYER_WORK * layer.size
-    return plain
-
-
-def _nearness(image: ByteImage, reach_px: float) -> Steps[Float32Array]:
-    edges = yield from oriented_edges(image, SCAN_BINS)
-    near = yield from distances(edges, reach_px)
-    near /= np.float32(-reach_px)
-    near += 1.0
-    spread = near.copy()
-    for k, layer in enumerate(spread):
-        beside = np.maximum(near[k - 1], near[(k + 1) % len(near)])
-        np.maximum(layer, _NEIGHBOUR_SHARE * beside, out=layer)
-        yield LAYER_WORK * layer.size
-    return spread
+        yield 2.0 * LAYER_WORK * layer.size
+    return response
 
 
 def _scan_level(

@@ -64,9 +64,15 @@ class Views:
         """(v, 3, 3) object to camera, the optical axis through the box centre."""
         return np.array([looking_along(-direction) for direction in self.directions_obj])
 
+    @cached_property
+    def by_axis(self) -> tuple[Float32Array, Float32Array]:
+        """`points_obj` and `tangents_obj` as (v, 3, k): what the pose search reads, eight samples at once."""
+        points, tangents = (np.ascontiguousarray(a.transpose(0, 2, 1)) for a in (self.points_obj, self.tangents_obj))
+        return points, tangents
+
     def take(self, rows: IntArray | BoolArray) -> Views:
         """Some of them."""
-        return Views(
+        taken = Views(
             self.directions_obj[rows],
             self.samples[rows],
             self.points_obj[rows],
@@ -74,6 +80,9 @@ class Views:
             self.counts[rows],
             self.lengths[rows],
         )
+        points, tangents = self.by_axis
+        taken.__dict__["by_axis"] = points[rows], tangents[rows]
+        return taken
 
     def subdivided(self, subdivisions: int) -> Views:
         """Those of a coarser icosphere: 2 subdivisions for 162, 3 for 642."""
@@ -201,10 +210,12 @@ def spread(points: FloatArray, tangents: FloatArray, outline: BoolArray, cell_px
     cells = np.floor((points - points.min(0)) / cell_px).astype(np.int64)
     _, first = np.unique((cells[:, 1] * 100_000 + cells[:, 0]) * SCAN_BINS + bins, return_index=True)
     rows = np.sort(first)
-    order = np.empty(len(rows))
-    for bin_ in range(SCAN_BINS):
-        mine = bins[rows] == bin_
-        order[mine] = (np.arange(mine.sum()) + 0.5) / max(np.sqrt(mine.sum()), 1.0)
+    mine = bins[rows]
+    by_bin = np.argsort(mine, kind="stable")
+    counts = np.bincount(mine, minlength=SCAN_BINS)
+    rank = np.empty(len(rows))
+    rank[by_bin] = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    order = (rank + 0.5) / np.sqrt(counts)[mine]
     order[~outline[rows]] *= _INNER_LATER
     return rows[np.argsort(order, kind="stable")]
 

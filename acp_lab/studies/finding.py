@@ -36,7 +36,8 @@ _BESIDE_PX = 3.0
 
 def edges_by_direction(frame: Frame) -> ByteImage:
     """(SCAN_BINS, h, w): 1 where the detector sees an edge of each direction."""
-    return finish(oriented_edges(without_specks(frame.image), SCAN_BINS))
+    directions = finish(oriented_edges(without_specks(frame.image), SCAN_BINS))
+    return (directions == np.arange(SCAN_BINS)[:, None, None]).astype(np.uint8)
 
 
 def outline_contrast(truth: TrueEdges, frame: Frame, cam_T_obj: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.detection.edge_maps import NO_EDGE, bands, distances
 from acp_lab.detection.kernels import (
     CHUNK,
     climb,
@@ -13,9 +14,11 @@ from acp_lab.detection.kernels import (
     nearness,
     pose_score,
     scan_templates,
+    spread_by_direction,
     strongest_gradients,
     thin_oriented,
 )
+from acp_lab.detection.work import finish
 from acp_lab.geometry.arrays import ByteImage, Float32Array
 from acp_lab.geometry.pose import so3_exp
 
@@ -55,12 +58,27 @@ def _slow_score(
     fx, fy, cx, cy = camera
     points_cam = points.astype(np.float64) @ pose[0].T + pose[1]
     along_cam = tangents.astype(np.float64) @ pose[0].T
+    ahead = points_cam[:, 2] > 1.0
+    points_cam, along_cam = points_cam[ahead], along_cam[ahead]
     flat = points_cam[:, :2] / points_cam[:, 2:]
     along = (along_cam[:, :2] - flat * along_cam[:, 2:]) * (fx, fy)
     bins = np.floor(np.arctan2(along[:, 1], along[:, 0]) / np.pi * len(maps) + 0.5).astype(int) % len(maps)
     column, line = np.floor(flat * (fx, fy) + (cx, cy) + 0.5).astype(int).T
     inside = (column >= 0) & (line >= 0) & (column < maps.shape[2]) & (line < maps.shape[1])
     return float(table[maps[bins[inside], line[inside], column[inside]]].sum() / len(points))
+
+
+def _fast_score(
+    maps: ByteImage,
+    camera: tuple[float, ...],
+    points: Float32Array,
+    tangents: Float32Array,
+    pose: tuple[Float32Array, Float32Array],
+    table: Float32Array,
+) -> np.float32:
+    samples = (np.ascontiguousarray(values.T) for values in (points, tangents))
+    places = np.empty(len(points), np.int32)
+    return pose_score(maps, *map(np.float32, camera), *samples, len(points), *pose, table, places)
 
 
 @pytest.fixture
@@ -71,15 +89,17 @@ def scene(rng: np.random.Generator) -> tuple[ByteImage, Float32Array, Float32Arr
     return maps, points, tangents, np.linspace(0.0, 1.0, 256).astype(np.float32)
 
 
+@pytest.mark.parametrize("depth", [110.0, 12.0])
 def test_pose_score(
-    scene: tuple[ByteImage, Float32Array, Float32Array, Float32Array], rng: np.random.Generator
+    scene: tuple[ByteImage, Float32Array, Float32Array, Float32Array], rng: np.random.Generator, depth: float
 ) -> None:
+    """Also of a part that is partly behind the camera and beside the image."""
     maps, points, tangents, table = scene
     camera = (150.0, 160.0, 58.0, 44.0)
     differences = []
     for _ in range(20):
-        pose = so3_exp(rng.normal(size=3)).astype(np.float32), np.array([5.0, -8.0, 110.0], np.float32)
-        fast = pose_score(maps, *map(np.float32, camera), points, tangents, len(points), *pose, table)
+        pose = so3_exp(rng.normal(size=3)).astype(np.float32), np.array([5.0, -8.0, depth], np.float32)
+        fast = _fast_score(maps, camera, points, tangents, pose, table)
         differences.append(abs(fast - _slow_score(maps, camera, points, tangents, pose, table)))
     # The direction's approximation puts a few samples into the next bin.
     assert np.median(differences) < 0.01
@@ -87,9 +107,6 @@ def test_pose_score(
 
 
 def test_climb_finds_the_pose_back(rng: np.random.Generator) -> None:
-    from acp_lab.detection.edge_maps import distances
-    from acp_lab.detection.work import finish
-
     points = rng.uniform(-30, 30, (80, 3)).astype(np.float32)
     tangents = rng.normal(size=(80, 3)).astype(np.float32)
     rotation, centre = so3_exp(np.array([0.4, -0.3, 0.2])), np.array([4.0, -3.0, 200.0])
@@ -100,18 +117,19 @@ def test_climb_finds_the_pose_back(rng: np.random.Generator) -> None:
     along = along_cam[:, :2] - flat * along_cam[:, 2:]
     bins = np.floor(np.arctan2(along[:, 1], along[:, 0]) / np.pi * 16 + 0.5).astype(int) % 16
     column, line = np.floor(flat * camera[:2] + camera[2:] + 0.5).astype(int).T
-    edges = np.zeros((16, 170, 220), np.uint8)
-    edges[bins, line, column] = 1
-    maps = np.round(255.0 * (1.0 - finish(distances(edges, 12.0)) / 12.0)).astype(np.uint8)
+    directions = np.full((170, 220), NO_EDGE, np.uint8)
+    directions[line, column] = bins
+    maps = np.round(255.0 * (1.0 - finish(distances(directions, 16, 12.0)) / 12.0)).astype(np.uint8)
     table = (np.arange(256) / 255.0).astype(np.float32)
     moved = (so3_exp(np.array([0.03, 0.04, -0.03])) @ rotation).astype(np.float32)
     place = (centre + np.array([2.0, -1.5, 5.0])).astype(np.float32)
-    fixed = (*map(np.float32, camera), points, tangents, 80)
-    before = pose_score(maps, *fixed, moved, place, table)
+    by_axis = (np.ascontiguousarray(values.T) for values in (points, tangents))
+    fixed = (*map(np.float32, camera), *by_axis, 80)
+    before = _fast_score(maps, camera, points, tangents, (moved, place), table)
     steps = np.float32(0.05), np.float32(2.0), np.float32(0.02)
     after = climb(maps, *fixed, moved, place, table, *steps, 5)
     assert after > before + 0.1
-    assert after == pytest.approx(pose_score(maps, *fixed, moved, place, table), abs=1e-5)
+    assert after == pytest.approx(_fast_score(maps, camera, points, tangents, (moved, place), table), abs=1e-5)
     assert np.linalg.norm(place - centre) < 3.0
     assert np.linalg.norm(moved - rotation) < 0.03
 
@@ -124,14 +142,47 @@ def test_thin_oriented(angle_deg: float) -> None:
     side = x * -np.sin(angle) + y * np.cos(angle)
     gradient = 20.0 * np.exp(-0.5 * (side / 1.5) ** 2)
     gx, gy = (np.ascontiguousarray(gradient * k, np.float32) for k in (-np.sin(angle), np.cos(angle)))
-    edges = np.zeros((8, 41, 41), np.uint8)
+    directions = np.full((41, 41), NO_EDGE, np.uint8)
     for first, last in ((0, 17), (17, 41)):
-        thin_oriented(gx, gy, np.float32(10.0), np.uint8(1), first, last, edges)
-    used = np.flatnonzero(edges.any((1, 2)))
-    assert used.tolist() == [int(np.floor(angle_deg / 22.5 + 0.5)) % 8]
-    rows, columns = np.nonzero(edges.any(0))
+        thin_oriented(gx, gy, np.float32(10.0), 8, first, last, directions)
+    rows, columns = np.nonzero(directions != NO_EDGE)
+    assert (directions[rows, columns] == int(np.floor(angle_deg / 22.5 + 0.5)) % 8).all()
     assert (np.abs(side[rows, columns]) <= 1.01).all()
     assert 30 <= len(rows) <= 80  # pairs on an exact diagonal
+
+
+@pytest.mark.parametrize(("bins", "most_px"), [(8, 4.0), (16, 12.0), (3, 9.0)])
+def test_distances_are_opencvs_for_each_direction(bins: int, most_px: float, rng: np.random.Generator) -> None:
+    """To the thousandth of a px for each step; an image of more than one slice."""
+    directions = np.full((450, 240), NO_EDGE, np.uint8)
+    assert len(list(bands(*directions.shape))) > 1
+    some = rng.random(directions.shape) < 0.01
+    directions[some] = rng.integers(0, bins, some.sum())
+    found = finish(distances(directions, bins, most_px))
+    slow = np.stack([cv2.distanceTransform((directions != k).astype(np.uint8), cv2.DIST_L2, 3) for k in range(bins)])
+    assert found.shape == (bins, 450, 240)
+    assert np.abs(found - np.minimum(slow, most_px)).max() < 2e-3
+    assert found.max() == most_px
+    near = finish(distances(directions, bins, most_px, per_bin_px=1.5))
+    slow = np.minimum.reduce([np.roll(found, by, axis=0) + 1.5 * abs(by) for by in (-2, -1, 0, 1, 2)])
+    assert np.allclose(near, slow, atol=1e-3)
+
+
+@pytest.mark.parametrize("size", [(16, 16), (1, 30), (30, 1)])
+def test_distances_without_an_edge(size: tuple[int, int]) -> None:
+    found = finish(distances(np.full(size, NO_EDGE, np.uint8), 16, 12.0, 1.5))
+    assert found.shape == (16, *size)
+    assert (found == 12.0).all()
+
+
+def test_spread_by_direction(rng: np.random.Generator) -> None:
+    distance = rng.uniform(0.0, 4.0, (8, 20, 30)).astype(np.float32)
+    response = rng.uniform(0.0, 1.0, distance.shape).astype(np.float32)
+    near = 1.0 - distance / 4.0
+    slow = response + np.maximum(near, 0.6 * np.maximum(np.roll(near, 1, axis=0), np.roll(near, -1, axis=0)))
+    for first, last in ((0, 7), (7, 20)):
+        spread_by_direction(distance, np.float32(4.0), np.float32(0.6), first, last, response)
+    assert np.allclose(response, slow, atol=1e-6)
 
 
 def test_strongest_gradients(rng: np.random.Generator) -> None:
