@@ -33,9 +33,9 @@ class DetectionConfig:
     features: int = 48
     spread_px: float = 4.0
     length_power: float = 0.35
-    starts: int = 2500
-    kept: tuple[int, ...] = (800, 300)
-    verified: int = 180
+    starts: int = 4000
+    kept: tuple[int, ...] = (1300, 450)
+    verified: int = 240
 
     def __post_init__(self) -> None:
         near, far = self.depth_mm

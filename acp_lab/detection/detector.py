@@ -16,7 +16,7 @@ from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.edge_maps import removing_specks
 from acp_lab.detection.evidence import Evidence, Witness
 from acp_lab.detection.pose_prior import PosePrior, rotation_from_axis
-from acp_lab.detection.pose_search import ROUNDS, DistanceMaps, Poses, distinct, search_round
+from acp_lab.detection.pose_search import ROUNDS, DistanceMaps, Poses, distinct, joined, search_round
 from acp_lab.detection.scan import Candidates, scan
 from acp_lab.detection.view_templates import Templates, Views, make_templates, make_views
 from acp_lab.detection.work import Steps, finish
@@ -30,7 +30,7 @@ EVIDENCE_WORK, START_WORK = 2500.0, 2.0
 # Half the distance of neighbouring views and turns of the scan; how far a pose search strays from where it starts.
 _SCAN_SLACK_DEG, _SEARCH_SLACK_DEG = 12.0, 25.0
 _LEAST_SHARE, _SHARE_NEARBY, _FEWEST_VERIFIED = 0.01, 0.3, 6
-_LEAST_WINDOW_PX = 48
+_LEAST_WINDOW_PX, _STARTS_AT_ONCE = 48, 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +128,12 @@ class Detector:
         if not len(templates) or not len(views):
             return Look((), witness)
         scanned = yield from scan(image, camera, diameter, templates, groups, config)
-        poses = start_poses(scanned, templates, self.views, camera)
-        yield START_WORK * len(poses)
+        started = []
+        for first in range(0, max(len(scanned), 1), _STARTS_AT_ONCE):
+            some = scanned.take(slice(first, first + _STARTS_AT_ONCE))
+            started.append(start_poses(some, templates, self.views, camera))
+            yield START_WORK * len(some)
+        poses = joined(started)
         for how, most in zip(ROUNDS, (*config.kept, config.verified), strict=True):
             poses = yield from search_round(maps, views, poses, diameter, how)
             poses = yield from distinct(poses, diameter, most)

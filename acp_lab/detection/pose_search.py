@@ -7,6 +7,7 @@ response that fades to zero, less its local mean, as in the scan.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -153,6 +154,15 @@ class Poses:
     def take(self, rows: IntArray) -> Poses:
         """Some of them."""
         return Poses(self.rotations[rows], self.centres[rows], self.scores[rows])
+
+
+def joined(several: Sequence[Poses]) -> Poses:
+    """One after the other; at least one."""
+    return Poses(
+        np.concatenate([poses.rotations for poses in several]),
+        np.concatenate([poses.centres for poses in several]),
+        np.concatenate([poses.scores for poses in several]),
+    )
 
 
 def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float, how: Round) -> Steps[Poses]:

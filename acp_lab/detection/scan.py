@@ -57,6 +57,10 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.scores)
 
+    def take(self, rows: slice) -> Candidates:
+        """Some of them."""
+        return Candidates(self.scores[rows], self.templates[rows], self.centres[rows], self.depths[rows])
+
 
 def depth_levels(config: DetectionConfig) -> FloatArray:
     """Depths (mm) of the pyramid's levels: equal ratios that cover the range."""

@@ -95,7 +95,7 @@ def test_distinct() -> None:
 def test_templates_are_bounded() -> None:
     detector = sample_detector()
     templates = detector.templates
-    assert len(templates) == len(detector.views.counts) * 24
+    assert len(templates) == len(detector.views.counts) * detector.config.turns
     assert np.abs(templates.offsets).max() <= 0.65 * detector.config.scan_px
     assert templates.bins.min() >= 0
     assert templates.bins.max() < SCAN_BINS
