@@ -138,6 +138,11 @@ class Method:
                 'frame = "pose" do not: give direction = "homography"',
             ),
             (
+                not self._follows_neighbour or self._residual,
+                'variables.direction = "rigid": moves on from the rigid neighbour of I, where edges must be generated: '
+                'give residual = "homography"',
+            ),
+            (
                 not sees_contours or not isinstance(self.learning, Off),
                 'targets.kind = "contour-regions", "edge-confidence": colours must be learnt: '
                 'give learning.kind = "targets"',
@@ -189,11 +194,18 @@ class Method:
 
     @property
     def _regenerates(self) -> bool:
-        return isinstance(self.variables, ControlPointVariables) and self.variables.direction != "homography"
+        return isinstance(self.variables, ControlPointVariables) and self.variables.direction in (
+            "autograd",
+            "differences",
+        )
 
     @property
     def _residual(self) -> bool:
         return isinstance(self.variables, ControlPointVariables) and self.variables.residual == "homography"
+
+    @property
+    def _follows_neighbour(self) -> bool:
+        return isinstance(self.variables, ControlPointVariables) and self.variables.direction == "rigid"
 
     @property
     def _paints_at_pose(self) -> bool:

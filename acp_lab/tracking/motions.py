@@ -1,7 +1,8 @@
 """What a method varies, and how the edges of one level follow it.
 
     ControlPointVariables   the eight coordinates of I, as in the paper; edges follow
-        HomographyMotion      by the homography that moves the control points (paper III and IV-C), or
+        HomographyMotion      by the homography that moves the control points (paper III and IV-C),
+        NeighbourMotion       as a rigid part where I moves like one, by the homography in the two directions left, or
         RegeneratedMotion     by generating them anew at every I, derivatives through the generator or by differences
     PoseVariables           the six numbers of a pose step; edges follow
         RigidMotion           as a rigid part does: what a 6DoF optimiser does ("w/o CP" in paper Table III)
@@ -25,7 +26,7 @@ from acp_lab.geometry.pose_step import move_pose
 from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.sources import EdgeSource
 from acp_lab.tracking.sources.lift import EdgeLifter
-from acp_lab.tracking.sources.residual import ResidualHomography
+from acp_lab.tracking.sources.residual import ResidualHomography, rigid_neighbour
 
 Rows = Callable[[FloatArray], FloatArray]
 """From image directions (n, 2) to (n, k): how each edge point moves along its direction by the k variables."""
@@ -56,8 +57,9 @@ class ControlPointVariables:
     """Configuration: the eight coordinates of I are free.
 
     Attributes:
-        direction: how edges follow I within a level: by the "homography" of the control points (the paper), through the
-            generator ("autograd"), or by generating anew beside I ("differences").
+        direction: how edges follow I within a level: by the "homography" of the control points (the paper), "rigid" as
+            a part in space does, as far as I moves like one, and by the homography beyond that, through the generator
+            ("autograd"), or by generating anew beside I ("differences").
         carry: what goes on to the next frame: "points", I itself as in the paper, lets the two directions drift that no
             rigid motion makes; "pose" is the I of the pose that PnP found.
         residual: what becomes of these two directions when edges are generated: "generated", t(I) is asked at I as it
@@ -67,7 +69,7 @@ class ControlPointVariables:
 
     kind: ClassVar[str] = "control-points"
     count: ClassVar[int] = 8
-    direction: Literal["homography", "autograd", "differences"] = "homography"
+    direction: Literal["homography", "rigid", "autograd", "differences"] = "homography"
     carry: Literal["points", "pose"] = "pose"
     residual: Literal["generated", "homography"] = "generated"
 
@@ -81,6 +83,8 @@ class ControlPointVariables:
         """The motion of a level's edges, of at most `samples`, generated at an estimate."""
         if self.direction == "homography":
             return HomographyMotion(edges, at.control_points)
+        if self.direction == "rigid":
+            return NeighbourMotion(edges, at, lifter)
         return RegeneratedMotion(source, samples, self.direction == "differences")
 
     def scale(self, view: View) -> FloatArray | float:
@@ -171,7 +175,50 @@ class HomographyMotion(_ControlPointMotion):
         return self._moved(warped), lambda directions: np.einsum("nj,njk->nk", directions, warped.jacobian())
 
     def _moved(self, warped: WarpedPoints) -> GeneratedEdges:
-        return replace(self._edges, points=warped.points, tangents=warped.tangents(self._edges.tangents))
+        return _warped(self._edges, warped)
+
+
+class NeighbourMotion(_ControlPointMotion):
+    """Edge points follow the rigid neighbour of I in space, and go on from there to I by the residual homography.
+
+    A homography moves all edges as if they lay on the plane of W. Those that lie off it go elsewhere when the part
+    tilts: the paper's direction cannot tell a tilt from what it is (`acp_lab.studies.sensitivity`). Six of the eight
+    directions of I are rigid motions, and along them edges move as the CAD model says. This is how edges depend on I
+    where they are generated with a residual homography (`sources.residual`), derivative included. Edges without a CAD
+    edge near them are left out. GeometryError where I, or its neighbour, is degenerate.
+    """
+
+    def __init__(self, edges: GeneratedEdges, start: Estimate, lifter: EdgeLifter) -> None:
+        neighbour = rigid_neighbour(start)
+        rigid = _warped(edges, QuadWarp(start.control_points, edges.points).to(neighbour.control_points))
+        self._rigid = RigidMotion(rigid, lifter.lift(rigid, neighbour), neighbour)
+        self._start = start
+
+    def kept(self, generated: GeneratedEdges) -> GeneratedEdges:
+        """Those whose 3D points are known."""
+        return self.edges(self._start)
+
+    def edges(self, at: Estimate) -> GeneratedEdges:
+        """The edges of the pose next to I, moved to I."""
+        return _warped(*self._at(rigid_neighbour(at), at))
+
+    def linearised(self, at: Estimate) -> tuple[GeneratedEdges, Rows]:
+        """The same, and rows of eight columns, to first order in what of I is not rigid."""
+        neighbour = rigid_neighbour(at)
+        edges, warped = self._at(neighbour, at)
+        by_pose = at.view.control_jacobian(neighbour.cam_T_obj)
+        pose_by = np.linalg.pinv(by_pose)
+        rest = warped.jacobian() @ (np.eye(8) - by_pose @ pose_by)
+
+        def rows_along(directions: FloatArray) -> FloatArray:
+            rigid: FloatArray = self._rigid.rows(neighbour, directions) @ pose_by
+            return rigid + np.einsum("nj,njk->nk", directions, rest)
+
+        return _warped(edges, warped), rows_along
+
+    def _at(self, neighbour: Estimate, at: Estimate) -> tuple[GeneratedEdges, WarpedPoints]:
+        edges = self._rigid.edges(neighbour)
+        return edges, QuadWarp(neighbour.control_points, edges.points).to(at.control_points)
 
 
 class RegeneratedMotion(_ControlPointMotion):
@@ -254,3 +301,7 @@ class RigidMotion:
 
     def _project(self, cam_T_obj: FloatArray) -> FloatArray:
         return self._view.camera.project(transform(cam_T_obj, self.points_obj))
+
+
+def _warped(edges: GeneratedEdges, by: WarpedPoints) -> GeneratedEdges:
+    return replace(edges, points=by.points, tangents=by.tangents(edges.tangents))

@@ -261,6 +261,7 @@ def test_a_missing_generator_names_the_command(name: str, model: PreparedPart) -
             {"variables": ControlPointVariables("differences", residual="homography")},
             "variables.direction: generates anew",
         ),
+        (ACP_PAPER, {"variables": ControlPointVariables("rigid")}, 'variables.direction = "rigid": moves on'),
         (
             BASE,
             {"targets": (NormalSearch(),), "variables": ControlPointVariables("autograd")},

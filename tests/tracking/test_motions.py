@@ -18,6 +18,7 @@ from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.motions import (
     ControlPointVariables,
     HomographyMotion,
+    NeighbourMotion,
     PoseVariables,
     RegeneratedMotion,
     RigidMotion,
@@ -128,6 +129,89 @@ def test_degenerate_control_points_are_refused(
         HomographyMotion(edges, start.control_points).edges(flat)
 
 
+# ---- control points, edges beside their rigid neighbour ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(("pull_px", "close"), [(0.0, 1e-3), (0.5, 0.03), (2.0, 0.12)])
+def test_edges_follow_the_rigid_neighbour_as_their_rows_say(
+    view: View, start: Estimate, source: RigidSource, lifter: EdgeLifter, pull_px: float, close: float
+) -> None:
+    """Exact where I is rigid, to first order in what is not."""
+    variables = ControlPointVariables(direction="rigid", residual="homography")
+    pull = pull_px * np.array([[1.0, -0.5], [-0.4, 0.7], [0.2, 0.9], [-0.8, -0.3]])
+    at = view.at_points(start.control_points + pull)
+    whole = variables.around(source)
+    generated = whole.generate(at, 200)
+    motion = variables.motion(whole, generated, at, lifter, 200)
+    edges, rows = motion.linearised(at)
+    np.testing.assert_allclose(edges.points, generated.points, atol=1e-6)
+    np.testing.assert_allclose(edges.tangents, generated.tangents, atol=1e-6)
+    np.testing.assert_array_equal(motion.kept(generated).sample_ids, generated.sample_ids)
+    directions = any_directions(len(edges))
+    expected = rows_along(differences(motion, at, 8, NUDGE_PX), directions)
+    assert np.abs(rows(directions) - expected).max() < close * np.abs(expected).max()
+    # A step takes them where the source would draw the same samples.
+    there = motion.moved(at, np.array([1.0, -2.0, 0.5, 1.0, -1.5, 0.0, 2.0, 1.0]))
+    np.testing.assert_allclose(motion.edges(there).points, whole.reproject(there, generated).points, atol=1e-6)
+
+
+def test_rigid_where_i_moves_like_a_part_and_a_homography_beside_that(
+    view: View, start: Estimate, edges: GeneratedEdges, lifter: EdgeLifter, model: PreparedPart
+) -> None:
+    free = view.at_points(start.control_points)
+    _, rows = NeighbourMotion(edges, free, lifter).linearised(free)
+    directions = any_directions(len(edges))
+    rigid = rows_along(pose_flow(view, view.prior, model.edges.points_obj[edges.sample_ids]), directions)
+    by_pose = view.control_jacobian(view.prior)
+    np.testing.assert_allclose(rows(directions) @ by_pose, rigid, rtol=1e-5, atol=1e-3)
+    basis, _ = np.linalg.qr(by_pose, mode="complete")
+    homography = HomographyMotion(edges, start.control_points).linearised(start)[1](directions)
+    np.testing.assert_allclose((rows(directions) - homography) @ basis[:, 6:], 0.0, atol=1e-5)
+    assert np.abs((rows(directions) - homography) @ basis[:, :6]).max() > 0.05
+
+
+def test_a_tilt_takes_edges_off_the_plane_elsewhere_than_a_homography(
+    view: View, start: Estimate, source: RigidSource, edges: GeneratedEdges, lifter: EdgeLifter
+) -> None:
+    tilted = view.at_pose(move_pose(view.prior, view.part.box_centre, np.array([0.08, 0.05, 0.0, 0.0, 0.0, 0.0])))
+    there = view.at_points(tilted.control_points)
+    expected = source.reproject(tilted, edges).points
+    found = NeighbourMotion(edges, start, lifter).edges(there).points
+    np.testing.assert_allclose(found, expected, atol=1e-2)
+    by_homography = HomographyMotion(edges, start.control_points).edges(there).points
+    assert np.abs(by_homography - expected).max() > 1.0
+
+
+def test_only_points_near_the_cad_follow_a_rigid_neighbour(
+    view: View, start: Estimate, edges: GeneratedEdges, lifter: EdgeLifter
+) -> None:
+    """Painted points have no samples: those far from any edge of the CAD are inventions and stay out."""
+    painted = GeneratedEdges(edges.points + 0.3, edges.tangents, edges.weights, np.full(len(edges), -1))
+    astray = np.arange(0, len(edges), 5)
+    painted.points[astray] = np.array([3.0, 4.0]) + 0.01 * astray[:, None]
+    motion = NeighbourMotion(painted, view.at_points(start.control_points), lifter)
+    kept = motion.kept(painted)
+    np.testing.assert_allclose(kept.points, np.delete(painted.points, astray, 0), atol=1e-6)
+    assert motion.linearised(start)[1](kept.normals).shape == (len(kept), 8)
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-12, 1e-6, 1e-3])
+def test_nearly_collinear_control_points_give_finite_rows_or_are_refused(
+    share: float, view: View, start: Estimate, edges: GeneratedEdges, lifter: EdgeLifter
+) -> None:
+    motion = NeighbourMotion(edges, start, lifter)
+    points = start.control_points
+    flat = view.at_points(points.mean(0) + (points - points.mean(0)) * np.array([1.0, share]))
+    try:
+        moved, rows = motion.linearised(flat)
+    except GeometryError:
+        assert share < 0.1
+    else:
+        assert share > 0.0
+        assert np.isfinite(moved.points).all()
+        assert np.isfinite(rows(moved.normals)).all()
+
+
 # ---- a pose --------------------------------------------------------------------------------------------------
 
 
@@ -209,6 +293,7 @@ def test_variables_choose_their_motion(
     assert (np.abs(at_there - at_start).max() < 1e-9) == (linearise == "level")
     for direction, kind in (
         ("homography", HomographyMotion),
+        ("rigid", NeighbourMotion),
         ("autograd", RegeneratedMotion),
         ("differences", RegeneratedMotion),
     ):
