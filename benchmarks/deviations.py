@@ -1,10 +1,10 @@
 """From the paper's path as it is printed to `acp-paper`, one deviation at a time, and how well its generators paint.
 
-Every step is on the ridges of the painted edge image but two: "true images" has the ridges of the images that the
+Every step is on the ridges of the painted edge image but these: "true images" has the ridges of the images that the
 network should have painted, "exact edges" the visibility network's edges, in the same view regions. Steps before
 "frame at the pose" need auto-encoders of a frame at the prediction, of the same length of training. From truth, no
 resets, the first frame left out, one thread. The bias of a painting is that of the pose which fits it best at the true
-pose (`acp_lab.studies.painting_bias`). `--causes` runs the last step and these two alone, forwards and backwards;
+pose (`acp_lab.studies.painting_bias`). `--causes` runs the last steps and these alone, forwards and backwards;
 `--floor` reads ridges off true images of a hundred views of the first frame's region, and needs no auto-encoder.
 
 Example: python -m benchmarks.deviations path/to/dataset/test/000001... --parts out/parts --literal-parts out/literal
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 SEED = 0
 LIMITS = {"@2": 0.02, "@5": 0.05, "@10": 0.10}
-CAUSES = ("+ annealed alpha", "true images", "exact edges")
+CAUSES = ("+ annealed alpha", "true images", "exact edges", "+ rigid direction", "exact edges, rigid direction")
 LITERAL_STEPS = ("literal", "+ residual homography", "without frame at the pose")
 UNITS = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter, mean over sequences",
@@ -53,25 +53,30 @@ PAINTED = {
 
 
 def steps() -> dict[str, Method]:
-    """The path, cumulative, then its end with one thing taken away or replaced."""
+    """The path, cumulative, then what comes before its last step with one thing taken away or replaced."""
     from acp_lab.tracking.method import METHODS
     from acp_lab.tracking.sources.rigid import CadSamples
 
     literal, paper = METHODS["acp-paper-literal"], METHODS["acp-paper"]
-    residual = replace(literal, variables=paper.variables)
+    residual = replace(literal, variables=replace(paper.variables, direction="homography"))
     at_pose = replace(residual, source=paper.source)
     bins = replace(at_pose, targets=paper.targets)
+    # Without the residual homography there is nothing rigid to follow, so what is taken away is taken from this one.
+    annealed = replace(paper, variables=residual.variables)
+    exact = CadSamples("learned", inset_outlines=True)
     found = {
         "literal": literal,
         "+ residual homography": residual,
         "+ frame at the pose": at_pose,
         "+ orientation bins": bins,
-        "+ annealed alpha": paper,
-        "without residual homography": replace(paper, variables=replace(paper.variables, residual="generated")),
-        "without frame at the pose": replace(paper, source=literal.source),
-        "without orientation bins": replace(paper, targets=literal.targets),
-        "true images": paper,
-        "exact edges": replace(paper, source=CadSamples("learned", inset_outlines=True)),
+        "+ annealed alpha": annealed,
+        "+ rigid direction": paper,
+        "without residual homography": replace(annealed, variables=literal.variables),
+        "without frame at the pose": replace(annealed, source=literal.source),
+        "without orientation bins": replace(annealed, targets=literal.targets),
+        "true images": annealed,
+        "exact edges": replace(annealed, source=exact),
+        "exact edges, rigid direction": replace(paper, source=exact),
     }
     return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
 
@@ -257,8 +262,8 @@ def main() -> None:
         model = load(options.parts, decoded.scene)
         by_step = {
             "true images": perfectly_painted(model, model.autoencoder().regions),
-            "exact edges": of_painted_regions(model),
         }
+        by_step |= dict.fromkeys((step for step in steps() if step.startswith("exact")), of_painted_regions(model))
         if options.causes:
             for step, backwards in product(CAUSES, (False, True)):
                 runs.append(track(decoded, by_step.get(step, model), step, steps()[step], backwards))

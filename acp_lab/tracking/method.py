@@ -16,10 +16,10 @@
     confidence  how likely a pose is right                     confidence
     uncertainty how exact it is, given that it is right        uncertainty
 
-`acp-paper` is the paper's path with the four deviations that it needs, one setting each: `variables.residual`,
-`source.frame`, `edge_map.orientation_bins` and `schedule.shares`; `acp-paper-literal` is without them. The two
-ablations of Table III are `acp-paper` with one part changed. `acp-paper-samples` reads no positions off the painted
-image: it gates the CAD's own edge samples. Any other sum of parts is a method too, by
+`acp-paper` is the paper's path with the five deviations that it needs, one setting each: `variables.residual`,
+`source.frame`, `edge_map.orientation_bins`, `schedule.shares` and `variables.direction`; `acp-paper-literal` is
+without them. The two ablations of Table III are `acp-paper` with one part changed. `acp-paper-samples` reads no
+positions off the painted image: it gates the CAD's own edge samples. Any other sum of parts is a method too, by
 `dataclasses.replace` or from a TOML file (`method_file`). A sum in which some setting would be ignored is refused.
 """
 
@@ -257,7 +257,7 @@ ACP_PAPER = Method(
     control_points="regressed",
     margin_px=40.0,
     source=PaintedRidges(frame="pose"),
-    variables=ControlPointVariables(carry="points", residual="homography"),
+    variables=ControlPointVariables("rigid", carry="points", residual="homography"),
     targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),),
     schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.6, 0.4)),
     priors=(),

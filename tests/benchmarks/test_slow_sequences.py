@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,7 +23,14 @@ RUNS = [
 def test_every_method_is_a_step_of_the_path() -> None:
     named = steps()
     assert set(METHODS.values()) <= set(named)
-    assert named[METHODS["painted edges"]] == TRACKING["acp-paper"]
+    paper = TRACKING["acp-paper"]
+    assert named[METHODS["painted edges"]] == paper
+    by_homography = replace(paper, variables=replace(paper.variables, direction="homography"))
+    assert named[METHODS["painted edges, by homography"]] == by_homography
+    for ending in ("", ", by homography"):
+        painted, exact = (named[METHODS[f"{edges} edges{ending}"]] for edges in ("painted", "exact"))
+        assert replace(exact, source=painted.source) == painted
+        assert exact.source != painted.source
 
 
 def test_rows_are_means_over_sequences_with_intervals() -> None:

@@ -107,10 +107,11 @@ def test_ablations_change_one_thing() -> None:
         assert method != replace(ACP_PAPER, name=method.name, summary=method.summary)
 
 
-def test_the_literal_path_lacks_the_four_deviations_and_nothing_else() -> None:
+def test_the_literal_path_lacks_the_five_deviations_and_nothing_else() -> None:
     paper = replace(ACP_PAPER, name=ACP_PAPER_LITERAL.name, summary=ACP_PAPER_LITERAL.summary)
     back: tuple[dict[str, Any], ...] = (
-        {"variables": replace(ACP_PAPER.variables, residual="generated")},
+        {"variables": replace(ACP_PAPER.variables, direction="homography")},
+        {"variables": ControlPointVariables(carry="points")},
         {"source": replace(ACP_PAPER.source, frame="prediction")},
         {"targets": (DistanceMap(),)},
         {"schedule": replace(ACP_PAPER.schedule, shares=(1.0,))},
@@ -261,7 +262,7 @@ def test_a_missing_generator_names_the_command(name: str, model: PreparedPart) -
             {"variables": ControlPointVariables("differences", residual="homography")},
             "variables.direction: generates anew",
         ),
-        (ACP_PAPER, {"variables": ControlPointVariables("rigid")}, 'variables.direction = "rigid": moves on'),
+        (ACP_PAPER_LITERAL, {"variables": ControlPointVariables("rigid")}, 'variables.direction = "rigid": moves on'),
         (
             BASE,
             {"targets": (NormalSearch(),), "variables": ControlPointVariables("autograd")},

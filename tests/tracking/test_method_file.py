@@ -159,7 +159,7 @@ def test_another_kind_starts_from_its_own_defaults_and_the_same_from_the_bases(t
         ("[schedule]\nsamples = true", ("schedule.samples", "whole number")),
         ("base = 'acp-paper-samples'\n[source]\ninset_outlines = 1", ("source.inset_outlines", "true or false")),
         ("name = 3", ("name", "a text")),
-        ("[variables]\ndirection = 'eight'", ("variables.direction", "eight", "homography, autograd, differences")),
+        ("[variables]\ndirection = 'eight'", ("variables.direction", "eight", "homography, rigid, autograd, diff")),
         ("[schedule]\nshares = 1.0", ("schedule.shares", "list")),
         ("[schedule]\nshares = [1.0, 'a']", ("schedule.shares", "'a'", "a number")),
         ("base = 'acp'\n[learning.offsets]\ninner_limits = [1, 2, 3]", ("inner_limits", "2 numbers")),
