@@ -1,8 +1,8 @@
 """`acp-paper` on slow sequences of parts that nothing was chosen on: what painted edges carry, and what they cost.
 
-Six methods on the same view regions: `acp-paper` on the ridges of painted images, the same on the CAD's exact edges,
+Eight methods on the same view regions: `acp-paper` on the ridges of painted images, the same on the CAD's exact edges,
 both with edges that follow the homography of the control points alone, as in the paper (`direction = "homography"`),
-and the paper's two ablations on painted ridges, a pose varied (w/o CP) and points of the middle section (w/o opt).
+both with a prior that keeps I near what a rigid part can show, and the paper's two ablations on painted ridges, a pose varied (w/o CP) and points of the middle section (w/o opt).
 Defaults, no resets, the first frame left out, one thread; forwards and backwards, since single runs scatter. Intervals
 are 95% from a hierarchical block bootstrap over the sequences, each with its two orders one after the other.
 
@@ -50,6 +50,8 @@ METHODS = {
     "exact edges": "exact edges, rigid direction",
     "painted edges, by homography": "+ annealed alpha",
     "exact edges, by homography": "exact edges",
+    "painted edges, rigidity prior": "with a rigidity prior",
+    "exact edges, rigidity prior": "exact edges, with a rigidity prior",
     "direct-6dof": "direct-6dof",
     "unoptimised-points": "unoptimised-points",
 }
