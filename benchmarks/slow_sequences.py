@@ -2,9 +2,10 @@
 
 Eight methods on the same view regions: `acp-paper` on the ridges of painted images, the same on the CAD's exact edges,
 both with edges that follow the homography of the control points alone, as in the paper (`direction = "homography"`),
-both with a prior that keeps I near what a rigid part can show, and the paper's two ablations on painted ridges, a pose varied (w/o CP) and points of the middle section (w/o opt).
-Defaults, no resets, the first frame left out, one thread; forwards and backwards, since single runs scatter. Intervals
-are 95% from a hierarchical block bootstrap over the sequences, each with its two orders one after the other.
+both with a prior that keeps I near what a rigid part can show, and the paper's two ablations on painted ridges, a pose
+varied (w/o CP) and points of the middle section (w/o opt). Defaults, no resets, the first frame left out, one thread;
+forwards and backwards, since single runs scatter. Intervals are 95% from a hierarchical block bootstrap over the
+sequences, each with its two orders one after the other.
 
 `--true-images` needs no auto-encoder: the paintings are true edge images in the regions that a sequence shows, from
 truth. What is lost then no generator can win back.
