@@ -132,12 +132,20 @@ def main() -> None:
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
     parser.add_argument("--config", nargs="*", type=Path, default=[], help="further methods as TOML, searched likewise")
     parser.add_argument("--json", type=Path, help="also keep the errors of every frame")
+    parser.add_argument("--times", action="store_true", help="only the times per frame, on the first scene")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     from acp_lab.sequences import open_sequence
     from acp_lab.tracking.method import METHODS
     from acp_lab.tracking.method_file import read_method
 
+    if options.times:
+        decoded = DecodedScene(open_sequence(options.scenes[0]))
+        times = times_ms(decoded, load(options.parts, decoded.scene))
+        print(times)
+        if options.record:
+            record_times(times, decoded)
+        return
     methods = [*(METHODS[name] for name in METHOD_NAMES), *map(read_method, options.config)]
     opened = [DecodedScene(open_sequence(folder)) for folder in options.scenes]
     models = [load(options.parts, decoded.scene) for decoded in opened]
@@ -170,9 +178,14 @@ def main() -> None:
         about = "the paper's Table III on painted ridges: search over alpha and annealing on other parts"
         data = ", ".join(dict.fromkeys(item.sequence for item in scored))
         record("ablation.painted", about, {"@*": unit}, data, rows)
-        record(
-            "ablation.times", "the same methods' defaults", "CPU ms per frame, median", name_of(opened[0].scene), times
-        )
+        record_times(times, opened[0])
+
+
+def record_times(times: dict[str, dict[str, float]], decoded: DecodedScene) -> None:
+    """Into docs/measured.json."""
+    from benchmarks.measured import record
+
+    record("ablation.times", "the same methods' defaults", "CPU ms per frame, median", name_of(decoded.scene), times)
 
 
 if __name__ == "__main__":
