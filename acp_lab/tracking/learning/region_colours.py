@@ -84,6 +84,12 @@ class RegionColours:
         _odds(self._foreground, self._background, self.config.least_share, np.log(sure / (1.0 - sure)), self.log_odds)
 
 
+@kernel("i8(u1, u1, u1)")
+def colour_bin(red: int, green: int, blue: int) -> int:
+    """The bin of a colour of three grey levels from 0 to 255: five bits of each."""
+    return ((red >> 3) << 10) | ((green >> 3) << 5) | (blue >> 3)
+
+
 @kernel("u2[:, ::1](u1[:, :, :])")
 def _bins(image: ByteImage) -> Uint16Array:
     """In one pass: on the per-frame path."""
@@ -91,8 +97,7 @@ def _bins(image: ByteImage) -> Uint16Array:
     found = np.empty((height, width), np.uint16)
     for row in range(height):
         for column in range(width):
-            red, green, blue = image[row, column, 0] >> 3, image[row, column, 1] >> 3, image[row, column, 2] >> 3
-            found[row, column] = (red << 10) | (green << 5) | blue
+            found[row, column] = colour_bin(image[row, column, 0], image[row, column, 1], image[row, column, 2])
     return found
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, Uint16Array, writable
-from acp_lab.tracking.learning.region_colours import RegionColours
+from acp_lab.tracking.learning.region_colours import RegionColours, colour_bin
 
 # Places at which the step is tried, in segments about the line's middle, and the segments that each looks at.
 _PLACES, _WINDOW = 12, 8
@@ -108,11 +108,6 @@ class CorrespondenceLines:
         return inwards, outwards
 
 
-@kernel("i8(u1, u1, u1)")
-def _bin(red: int, green: int, blue: int) -> int:
-    return ((red >> 3) << 10) | ((green >> 3) << 5) | (blue >> 3)
-
-
 @kernel("void(u1[:, :, :], f8, f8, f8, f8, f8, i8[::1])")
 def _bins_on(pixels: ByteImage, x: float, y: float, dx: float, dy: float, first: float, bins: IntArray) -> None:
     """Fill bins (n,), see `RegionColours.bins`: of the pixels at (x, y) + k (dx, dy), k from `first` on; -1 outside."""
@@ -124,14 +119,14 @@ def _bins_on(pixels: ByteImage, x: float, y: float, dx: float, dy: float, first:
         for k in range(len(bins)):
             # Unsigned: no index can be meant from the end.
             column, row = np.uint64(x + (first + k) * dx + 0.5), np.uint64(y + (first + k) * dy + 0.5)
-            bins[k] = _bin(pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2])
+            bins[k] = colour_bin(pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2])
     else:
         for k in range(len(bins)):
             at_x, at_y = np.floor(x + (first + k) * dx + 0.5), np.floor(y + (first + k) * dy + 0.5)
             bins[k] = -1
             if 0.0 <= at_x < width and 0.0 <= at_y < height:
                 column, row = np.uint64(at_x), np.uint64(at_y)
-                bins[k] = _bin(pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2])
+                bins[k] = colour_bin(pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2])
 
 
 @kernel("f8(i8, f4[::1])")
