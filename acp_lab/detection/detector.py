@@ -138,8 +138,8 @@ class Detector:
             poses = yield from search_round(maps, views, poses, diameter, how)
             poses = yield from distinct(poses, diameter, most)
         found = []
-        for pose, level in zip(self._matrices(poses), maps.level(poses.centres[:, 2].astype(np.float64)), strict=True):
-            yield from maps.making_distances(int(level))
+        for pose in self._matrices(poses):
+            yield from witness.making_maps(pose)
             evidence = witness.look(pose)
             if evidence is not None:
                 found.append(Candidate(pose, evidence))

@@ -123,7 +123,7 @@ def distances(directions: ByteImage, bins: int, most_px: float, per_bin_px: floa
     yield TRANSPOSE_WORK * height * width
     found: Float32Array = np.empty((bins, height, width), np.float32)
     per_bin = np.int32(round(min(per_bin_px, most_px) * DISTANCE_UNITS))
-    for first, last in bands(height, width):
+    for first, last in bands(height, bins * width):  # all planes are written, for the first time: memory, above all
         distances_in_px(planes, per_bin, first, last, found)
         yield LAYER_WORK * (last - first) * width * bins
     return found

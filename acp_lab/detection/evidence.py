@@ -18,6 +18,7 @@ from acp_lab.control_points.view_regions import choose_region
 from acp_lab.detection.edge_maps import direction_bins
 from acp_lab.detection.pose_search import MAP_BINS, UNITS, ZERO_LEVEL, DistanceMaps
 from acp_lab.detection.view_templates import CELL_DIAMETERS, spread
+from acp_lab.detection.work import Steps
 from acp_lab.generator.base import RigidGenerator, project_samples
 from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
@@ -87,6 +88,12 @@ class Witness:
     def __init__(self, part: Part, generator: RigidGenerator, caster: RayCaster, maps: DistanceMaps) -> None:
         self._part, self._generator, self._caster, self._maps = part, generator, caster, maps
         self._corners_obj = box_corners(part)
+
+    def making_maps(self, cam_T_obj: FloatArray) -> Steps[None]:
+        """Make the maps that `look` reads at a pose (4, 4), in slices, if they are not there."""
+        depth = transform(cam_T_obj, self._part.box_centre)[2:]
+        if depth[0] > self._part.radius:
+            yield from self._maps.making(int(self._maps.level(depth)[0]), _REACH_PX)
 
     def look(self, cam_T_obj: FloatArray) -> Evidence | None:
         """The evidence for a pose (4, 4); None where the part is behind the camera or hardly in the image."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
+from acp_lab.detection import pose_search
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Detector, start_poses
 from acp_lab.detection.edge_maps import bands, oriented_edges, removing_specks, resized, without_specks
@@ -171,6 +172,24 @@ def test_no_slice_is_large(prior: PosePrior | None) -> None:
         prior = replace(prior, cam_T_obj=sample_scene().first_pose)
     steps = sample_detector().search(image, Camera(1224, 1024, 1200.0, 1200.0, 611.5, 511.5), prior)
     assert max(steps) < 8_000.0
+
+
+def test_the_maps_that_a_look_needs_are_made_in_slices_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pose that was aligned may be of a size at which nothing was looked at before: its maps are work, too."""
+    detector, scene = sample_detector(), sample_scene()
+    frame = scene.frame(scene.frame_ids[0])
+    witness = detector.candidates(np.zeros_like(frame.image), frame.camera).witness
+    pose = scene.first_pose.copy()
+    pose[:3, 3] *= 0.7
+    work = list(witness.making_maps(pose))
+    assert len(work) > 16
+    assert max(work) < 8_000.0
+    monkeypatch.setattr(pose_search, "oriented_edges", None)
+    monkeypatch.setattr(pose_search, "distances", None)
+    witness.look(pose)
+    assert not list(witness.making_maps(pose))
+    pose[2, 3] = -100.0
+    assert not list(witness.making_maps(pose))
 
 
 def test_in_slices_as_in_one_go() -> None:
