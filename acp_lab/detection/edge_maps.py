@@ -22,10 +22,10 @@ LEAST_GRADIENT = 5.0
 _BLUR_PX = 0.8
 _BAND_PIXELS, _OVERLAP = 100_000, 4
 """Of the slices in which an image is gone through; rows beside a slice that the filters reach."""
-MEDIAN_WORK, BLUR_WORK, GRADIENT_WORK, THIN_WORK = 0.006, 0.008, 0.003, 0.008
-DISTANCE_WORK, TRANSPOSE_WORK, LAYER_WORK = 0.006, 0.004, 0.0015
+MEDIAN_WORK, BLUR_WORK, GRADIENT_WORK, THIN_WORK = 0.012, 0.009, 0.006, 0.008
+DISTANCE_WORK, TRANSPOSE_WORK, LAYER_WORK = 0.009, 0.005, 0.0015
 """Of a pixel, see `work`."""
-RESIZE_WORK = 0.0015
+RESIZE_WORK = 0.0022
 """Of a value that is read or written."""
 
 
