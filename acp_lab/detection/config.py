@@ -41,3 +41,5 @@ class DetectionConfig:
         near, far = self.depth_mm
         if not 0.0 < near <= far < float("inf"):
             raise AcpLabError(f"depth range {near:g} to {far:g} mm: give two distances, 0 < nearest <= farthest")
+        if not 0.0 < self.spread_px <= 30.0:  # distances are kept in two bytes
+            raise AcpLabError(f"spread_px = {self.spread_px:g}: give px above 0, at most 30")

@@ -37,6 +37,12 @@ def test_impossible_depths(depth_mm: tuple[float, float]) -> None:
         DetectionConfig(depth_mm=depth_mm)
 
 
+@pytest.mark.parametrize("spread_px", [0.0, 31.0, float("nan")])
+def test_impossible_spread(spread_px: float) -> None:
+    with pytest.raises(AcpLabError, match="spread_px"):
+        DetectionConfig(spread_px=spread_px)
+
+
 def test_levels_cover_the_range() -> None:
     levels = depth_levels(DetectionConfig(depth_mm=(300.0, 900.0)))
     assert 300.0 < levels[0] < 325.0
