@@ -146,10 +146,10 @@ def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str]) -> 
         walk = _walk(kind, known, model)
         if walk is not None:
             plain = (number + scene.scene_id) % 2 == 0
-            yield shorter(*(_play(walk, known, Tracker(model, method), metric, plain) for _ in range(2)))
+            yield _shorter(*(_play(walk, known, Tracker(model, method), metric, plain) for _ in range(2)))
 
 
-def shorter(one: Return, other: Return) -> Return:
+def _shorter(one: Return, other: Return) -> Return:
     """The same absence played twice, of each frame the shorter time: what else a machine does comes and goes."""
     lost, tracked = (
         tuple(map(min, first, second))

@@ -84,8 +84,7 @@ class Detector:
         """Make all of it now instead of when it is first asked for; the compiled loops are loaded, too."""
         import acp_lab.detection.kernels
 
-        _ = self.views, self.templates.reads, self.groups, self._template_rotations, self.fine_views.by_axis
-        _ = acp_lab.detection.kernels
+        _ = self.views, self.templates.reads, self.groups, self._template_rotations, acp_lab.detection.kernels
 
     @cached_property
     def views(self) -> Views:
@@ -137,13 +136,9 @@ class Detector:
         for how, most in zip(ROUNDS, (*config.kept, config.verified), strict=True):
             poses = yield from search_round(maps, views, poses, diameter, how)
             poses = yield from distinct(poses, diameter, most)
-        found = []
+        found = list[Candidate]()
         for pose in self._matrices(poses):
-            yield from witness.making_maps(pose)
-            evidence = witness.look(pose)
-            if evidence is not None:
-                found.append(Candidate(pose, evidence))
-            yield EVIDENCE_WORK
+            found += yield from judging(witness, pose)
         return Look(tuple(sorted(found, key=lambda candidate: -candidate.score)), witness)
 
     def _narrowed(self, prior: PosePrior) -> DetectionConfig:
@@ -198,6 +193,14 @@ class Detector:
             pose[:3, 3] = centre - pose[:3, :3] @ self.part.box_centre
             matrices.append(pose)
         return matrices
+
+
+def judging(witness: Witness, cam_T_obj: FloatArray) -> Steps[list[Candidate]]:
+    """The pose (4, 4) and what the image says of it, in slices; empty where it says nothing."""
+    yield from witness.making_maps(cam_T_obj)  # of a size at which nothing was looked at yet, perhaps
+    evidence = witness.look(cam_T_obj)
+    yield EVIDENCE_WORK
+    return [] if evidence is None else [Candidate(cam_T_obj, evidence)]
 
 
 def start_poses(candidates: Candidates, templates: Templates, views: Views, camera: Camera) -> Poses:

@@ -96,8 +96,8 @@ def bands(height: int, width: int) -> Iterator[tuple[int, int]]:
 def distances(directions: ByteImage, bins: int, most_px: float, per_bin_px: float = np.inf) -> Steps[Float32Array]:
     """(bins, h, w) px from each pixel to the nearest edge of each direction, at most `most_px`, which may be 30.
 
-    directions: (h, w) from `oriented_edges`, of at most LANES bins. per_bin_px: an edge one or two bins away counts as
-    that much further for each, an edge of any other direction not at all.
+    directions: (h, w) from `oriented_edges`, of at most `kernels.LANES` bins. per_bin_px: an edge one or two bins away
+    counts as that much further for each, an edge of any other direction not at all.
 
     The distance is the sum of steps from pixel to pixel, as in OpenCV's with a mask of 3 x 3, but of all directions in
     one go, in a fraction of the time.

@@ -139,13 +139,16 @@ def climb(
 ) -> np.float32:  # fmt: skip
     """Pattern search (R. Hooke and T. Jeeves 1961) over six axes from a pose, which it changes; the score there.
 
-    The arguments from `maps` to `table` are those of `pose_score`.
+    points, tangents: (k, 3). The other arguments from `maps` to `table` are those of `pose_score`.
     turn: rad about the camera's axes through the part's centre; shift: mm across, away: share of the depth; all are
     halved after each of the rounds.
     """
     trial_r, trial_c = np.empty((3, 3), np.float32), np.empty(3, np.float32)
-    places = np.empty(count, np.int32)
-    here = pose_score(maps, fx, fy, cx, cy, points, tangents, count, rotation, centre, table, places)
+    at, along, places = np.empty((3, count), np.float32), np.empty((3, count), np.float32), np.empty(count, np.int32)
+    for i in range(count):
+        for k in range(3):
+            at[k, i], along[k, i] = points[i, k], tangents[i, k]
+    here = pose_score(maps, fx, fy, cx, cy, at, along, count, rotation, centre, table, places)
     for _ in range(rounds):
         for _ in range(2):
             moved = False
@@ -163,7 +166,7 @@ def climb(
                         trial_c[axis - 3] += sign * shift
                     else:
                         trial_c *= np.float32(1.0) + sign * away
-                    there = pose_score(maps, fx, fy, cx, cy, points, tangents, count, trial_r, trial_c, table, places)
+                    there = pose_score(maps, fx, fy, cx, cy, at, along, count, trial_r, trial_c, table, places)
                     if there > here:
                         here = there
                         rotation[:] = trial_r

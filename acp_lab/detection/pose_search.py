@@ -172,7 +172,6 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
     table = ((np.arange(256) - ZERO_LEVEL) / UNITS).astype(np.float32)
     eyes = -np.einsum("nji,nj->ni", poses.rotations, poses.centres)
     nearest = views.nearest(eyes)
-    points_obj, tangents_obj = views.by_axis
     levels = maps.level(poses.centres[:, 2].astype(np.float64))
     rotations, centres, scores = poses.rotations.copy(), poses.centres.copy(), poses.scores.copy()
     turn = np.float32(np.radians(how.turn_deg))
@@ -189,8 +188,8 @@ def search_round(maps: DistanceMaps, views: Views, poses: Poses, diameter: float
                 fy,
                 cx,
                 cy,
-                points_obj[view],
-                tangents_obj[view],
+                views.points_obj[view],
+                views.tangents_obj[view],
                 views.counts[view],
                 rotations[i],
                 centres[i],

@@ -64,15 +64,9 @@ class Views:
         """(v, 3, 3) object to camera, the optical axis through the box centre."""
         return np.array([looking_along(-direction) for direction in self.directions_obj])
 
-    @cached_property
-    def by_axis(self) -> tuple[Float32Array, Float32Array]:
-        """`points_obj` and `tangents_obj` as (v, 3, k): what the pose search reads, eight samples at once."""
-        points, tangents = (np.ascontiguousarray(a.transpose(0, 2, 1)) for a in (self.points_obj, self.tangents_obj))
-        return points, tangents
-
     def take(self, rows: IntArray | BoolArray) -> Views:
         """Some of them."""
-        taken = Views(
+        return Views(
             self.directions_obj[rows],
             self.samples[rows],
             self.points_obj[rows],
@@ -80,9 +74,6 @@ class Views:
             self.counts[rows],
             self.lengths[rows],
         )
-        points, tangents = self.by_axis
-        taken.__dict__["by_axis"] = points[rows], tangents[rows]
-        return taken
 
     def subdivided(self, subdivisions: int) -> Views:
         """Those of a coarser icosphere: 2 subdivisions for 162, 3 for 642."""

@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.detector import EVIDENCE_WORK, Candidate, Detector
+from acp_lab.detection.detector import Candidate, Detector, judging
 from acp_lab.detection.edge_maps import RESIZE_WORK
-from acp_lab.detection.evidence import Witness
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Steps, finish
 from acp_lab.geometry.arrays import FloatArray
@@ -103,22 +102,14 @@ class Finder:
             if aligned_most == 0:
                 continue
             pose = yield from self._aligning(halves, candidate.cam_T_obj)
-            aligned += yield from self._looking(look.witness, pose)
-        aligned += yield from self._looking(look.witness, rival)
+            if pose is not None:
+                aligned += yield from judging(look.witness, pose)
+        if rival is not None:
+            aligned += yield from judging(look.witness, rival)
         best = self._distinct(sorted(aligned, key=lambda c: -c.evidence.log_odds), max(top, _RIVALS))
         return tuple(
             Detection(c.cam_T_obj, score, c.view_obj) for c, score in zip(best[:top], shared_scores(best), strict=False)
         )
-
-    @staticmethod
-    def _looking(witness: Witness, pose: FloatArray | None) -> Steps[list[Candidate]]:
-        """The pose and what the image says of it; nothing where there is none or it says nothing."""
-        if pose is None:
-            return []
-        yield from witness.making_maps(pose)  # of a size at which nothing was looked at yet, perhaps
-        evidence = witness.look(pose)
-        yield EVIDENCE_WORK
-        return [] if evidence is None else [Candidate(pose, evidence)]
 
     def _aligning(self, halves: list[Frame], pose: FloatArray) -> Steps[FloatArray | None]:
         """The pose that the tracker's solver makes of one; None where it left the part or saw too little.

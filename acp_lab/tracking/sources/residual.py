@@ -41,8 +41,8 @@ class ResidualHomography:
         return moved_by_homography(self._source.reproject(neighbour, edges), neighbour, at)
 
     def flow(self, at: Estimate, edges: GeneratedEdges, by_differences: bool) -> FloatArray:
-        """Not needed: methods with this source move edges by homographies, whose derivative is analytic."""
-        raise NotImplementedError("a residual homography has no flow: methods ask for direction = homography")
+        """Not needed: the directions that go with this source, "homography" and "rigid", are analytic."""
+        raise NotImplementedError("a residual homography has no flow: methods ask for an analytic direction")
 
 
 def rigid_neighbour(at: Estimate) -> Estimate:
