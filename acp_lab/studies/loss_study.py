@@ -140,7 +140,7 @@ def erase_edges(target: DistanceTarget, points: FloatArray, share: float, side_r
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     marked[row[inside], column[inside]] = True
     edges = target.edges & (distance_map(marked) > ERASED_REACH_PX) if marked.any() else target.edges
-    return DistanceTarget(edges, distance_map(edges)[None], target.origin)
+    return DistanceTarget(edges, edges[None], target.origin)
 
 
 def _start(rng: np.random.Generator, config: LossStudyConfig) -> FloatArray:

@@ -43,7 +43,7 @@ def test_frames_and_truths_must_match() -> None:
 def target_with(rows: list[int]) -> DistanceTarget:
     edges = np.zeros((60, 80), bool)
     edges[rows] = True
-    return DistanceTarget(edges, distance_map(edges)[None], (100, 200))
+    return DistanceTarget(edges, edges[None], (100, 200))
 
 
 def test_erasing_takes_the_parts_edges_on_one_side() -> None:

@@ -10,6 +10,7 @@ its own direction. (Deviation, off by default: one map attracts an edge point to
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import cv2
@@ -20,6 +21,7 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.imaging.canny import CannyConfig, canny, to_grey
 from acp_lab.imaging.distance import distance_map
+from acp_lab.imaging.distance_at import ColumnDistances, column_distances, distances_at
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
@@ -197,19 +199,28 @@ class Distances:
     gradients: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DistanceTarget:
-    """Distance maps of a crop.
+    """Edge maps of a crop, and the distances to them.
 
     Attributes:
         edges: (h, w) bool, Canny's edge pixels.
-        maps: (bins, h, w) float32 px.
+        layers: (bins, h, w) bool, those of each direction; one layer is all of them.
         origin: (x, y) of the crop's first pixel in the full image.
     """
 
     edges: BoolArray
-    maps: Float32Array
+    layers: BoolArray
     origin: tuple[int, int]
+
+    @cached_property
+    def maps(self) -> Float32Array:
+        """(bins, h, w) px: the distance maps, for whoever wants to see them; `distances` does without."""
+        return np.stack([distance_map(layer) for layer in self.layers])
+
+    @cached_property
+    def _columns(self) -> ColumnDistances:
+        return column_distances(self.layers)
 
     def distances(self, points: FloatArray, normals: FloatArray) -> Distances:
         """Distance and gradient at points (n, 2) px of the full image with edge normals (n, 2).
@@ -217,41 +228,24 @@ class DistanceTarget:
         Outside the crop the border's value is read, grown by the way to the border, so that a point which left the
         crop is far from everything, and one that is nowhere (NaN) infinitely far.
         """
-        height, width = self.edges.shape
-        # A point on the vanishing line has no place; it, too, is far from everything.
-        x, y = np.nan_to_num(points - self.origin, nan=np.inf, posinf=np.inf, neginf=-np.inf).T
-        inside_x = np.minimum(np.maximum(x, 0.0), width - 1.001)
-        inside_y = np.minimum(np.maximum(y, 0.0), height - 1.001)
-        column, row = inside_x.astype(np.intp), inside_y.astype(np.intp)
-        u, v = inside_x - column, inside_y - row
-        pixel = (self._layers(normals) * height + row) * width + column
-        a, b, c, d = (self.maps.take(pixel + step) for step in (0, 1, width, width + 1))
-        top, bottom = a + u * (b - a), c + u * (d - c)
-        gradients = np.stack([(1 - v) * (b - a) + v * (d - c), bottom - top], 1)
-        outside = np.stack([x - inside_x, y - inside_y], 1)
-        way = np.hypot(outside[:, 0], outside[:, 1])
-        left = way > 0.0
-        with np.errstate(invalid="ignore"):  # infinitely far there is no direction; solvers leave NaN out
-            gradients[left] = outside[left] / way[left, None]
-        return Distances(top + v * (bottom - top) + way, gradients)
+        return Distances(*distances_at(self._columns, self._layer_of(normals), points - self.origin))
 
-    def _layers(self, normals: FloatArray) -> IntArray:
-        bins = len(self.maps)
+    def _layer_of(self, normals: FloatArray) -> IntArray:
+        bins = len(self.layers)
         if bins == 1:
-            return np.zeros(len(normals), np.intp)
-        return np.round(_angle(normals[:, 0], normals[:, 1]) * bins / np.pi).astype(np.intp) % bins
+            return np.zeros(len(normals), np.int64)
+        return np.round(_angle(normals[:, 0], normals[:, 1]) * bins / np.pi).astype(np.int64) % bins
 
 
 def distance_target(image: ByteImage, box: Box, config: EdgeMapConfig) -> DistanceTarget:
-    """Edge map and distance maps of an image (h, w, 3) uint8 RGB inside a box (x0, y0, x1, y1), cut to the image."""
+    """Edge maps of an image (h, w, 3) uint8 RGB inside a box (x0, y0, x1, y1), cut to the image."""
     height, width = image.shape[:2]
     x0, y0 = min(max(box[0], 0), width - 8), min(max(box[1], 0), height - 8)
     x1, y1 = max(min(box[2], width), x0 + 8), max(min(box[3], height), y0 + 8)
     grey = _denoised(to_grey(image[y0:y1, x0:x1]), config.denoise)
     edges = canny(grey, CannyConfig(config.blur_px, config.thresholds))
-    if config.orientation_bins == 1:
-        return DistanceTarget(edges, distance_map(edges)[None], (x0, y0))
-    return DistanceTarget(edges, _maps_by_direction(grey, edges, config), (x0, y0))
+    layers = edges[None] if config.orientation_bins == 1 else _layers_by_direction(grey, edges, config)
+    return DistanceTarget(edges, layers, (x0, y0))
 
 
 def _denoised(grey: ByteImage, denoise: Denoiser) -> ByteImage:
@@ -264,21 +258,19 @@ def _denoised(grey: ByteImage, denoise: Denoiser) -> ByteImage:
     return grey
 
 
-def _maps_by_direction(grey: ByteImage, edges: BoolArray, config: EdgeMapConfig) -> Float32Array:
+def _layers_by_direction(grey: ByteImage, edges: BoolArray, config: EdgeMapConfig) -> BoolArray:
     smooth = cv2.GaussianBlur(grey, (0, 0), max(config.blur_px, 0.3))
     rows, columns = np.nonzero(edges)
     dx, dy = (cv2.Sobel(smooth, cv2.CV_32F, *axis, borderType=cv2.BORDER_REPLICATE) for axis in ((1, 0), (0, 1)))
     angle = _angle(dx[rows, columns], dy[rows, columns])
     bins = config.orientation_bins
-    maps = []
-    for layer in range(bins):
-        off = np.abs((angle - layer * np.pi / bins + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
-        # Each edge is in the two nearest bins: at a border between bins a small turn must not lose it.
-        near = off <= np.pi / bins
-        of_layer = np.zeros_like(edges)
-        of_layer[rows[near], columns[near]] = True
-        maps.append(distance_map(of_layer))
-    return np.stack(maps)
+    centres = (np.arange(bins) * np.pi / bins).astype(np.float32)[:, None]
+    # Each edge is in the two nearest bins: at a border between bins a small turn must not lose it.
+    near = np.abs((angle - centres + 0.5 * np.pi) % np.pi - 0.5 * np.pi) <= np.pi / bins
+    layers = np.zeros((bins, *edges.shape), np.bool_)
+    for layer, of_layer in zip(layers, near, strict=True):
+        layer[rows[of_layer], columns[of_layer]] = True
+    return layers
 
 
 def _angle(x: np.ndarray, y: np.ndarray) -> np.ndarray:

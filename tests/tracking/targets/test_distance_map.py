@@ -88,7 +88,7 @@ def test_a_point_that_left_the_crop_is_far_and_knows_the_way_out(square: ByteIma
 def test_a_point_that_is_nowhere_is_far_from_everything() -> None:
     edges = np.zeros((20, 21), bool)
     edges[5, 5] = True
-    target = DistanceTarget(edges, distance_map(edges)[None], (3, 4))
+    target = DistanceTarget(edges, edges[None], (3, 4))
     points = np.array([[8.0, 9.0], [np.nan, np.nan], [np.inf, 2.0], [5.0, -np.inf]])
     found = target.distances(points, np.tile([1.0, 0.0], (4, 1)))
     assert found.values[0] == 0.0
@@ -96,11 +96,9 @@ def test_a_point_that_is_nowhere_is_far_from_everything() -> None:
 
 
 def test_a_direction_sees_only_its_own_edges() -> None:
-    edges = np.zeros((2, 20, 20), bool)
-    maps = np.stack(
-        [np.tile(np.abs(np.arange(20.0) - 4.0), (20, 1)), np.tile(np.abs(np.arange(20.0) - 15.0)[:, None], (1, 20))]
-    )
-    target = DistanceTarget(edges[0], maps.astype(np.float32), (0, 0))
+    upright, level = np.zeros((2, 20, 20), bool)
+    upright[:, 4], level[15] = True, True
+    target = DistanceTarget(upright | level, np.stack([upright, level]), (0, 0))
     point = np.array([[9.0, 9.0]])
     assert target.distances(point, np.array([[1.0, 0.0]])).values[0] == pytest.approx(5.0)
     assert target.distances(point, np.array([[-1.0, 0.02]])).values[0] == pytest.approx(5.0)
@@ -173,7 +171,7 @@ def line() -> tuple[DistanceTarget, GeneratedEdges]:
     edges[:, 20] = True
     points = np.column_stack([20.0 + np.arange(8), 16.3 + np.arange(8)])
     tangents = np.tile([0.0, 1.0], (8, 1))
-    return DistanceTarget(edges, distance_map(edges)[None], (0, 0)), GeneratedEdges(
+    return DistanceTarget(edges, edges[None], (0, 0)), GeneratedEdges(
         points, tangents, np.linspace(1.0, 0.3, 8), np.arange(8)
     )
 
