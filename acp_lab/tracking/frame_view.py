@@ -18,6 +18,7 @@ from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
+from acp_lab.geometry.planar_pnp_nearby import planar_pnp_nearby
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import control_point_jacobian, image_directions, step_jacobian
 
@@ -53,9 +54,9 @@ class View:
         """The estimate of a pose (4, 4)."""
         return Estimate(self, pose=cam_T_obj)
 
-    def at_points(self, control_points: FloatArray) -> Estimate:
-        """The estimate of control points I (4, 2) px."""
-        return Estimate(self, points=control_points)
+    def at_points(self, control_points: FloatArray, near: FloatArray | None = None) -> Estimate:
+        """The estimate of control points I (4, 2) px; near: the pose (4, 4) of an I from which they moved a little."""
+        return Estimate(self, points=control_points, near=near)
 
     def control_jacobian(self, cam_T_obj: FloatArray) -> FloatArray:
         """(8, 6) derivative of I by a pose step about the part's centre, at a pose (4, 4)."""
@@ -101,12 +102,13 @@ class Estimate:
     """Control points and pose in one view: one of the two is given, the other is worked out when it is asked for.
 
     From pose to points by projection of W, from points to pose by planar PnP, of whose two solutions the one nearer to
-    the view's prior is taken (paper IV-B).
+    the view's prior is taken (paper IV-B); or the one that the pose `near` goes over into, where that is known.
     """
 
     view: View
     pose: FloatArray | None = None
     points: FloatArray | None = None
+    near: FloatArray | None = None
     _lines: tuple[FloatArray, ImageLines] | None = field(default=None, init=False, repr=False)
 
     @cached_property
@@ -115,7 +117,12 @@ class Estimate:
         if self.pose is not None:
             return self.pose
         assert self.points is not None, "an estimate is of a pose or of control points"
-        return solve_planar_pnp(self.view.points_obj, self.points, self.view.camera).nearest(self.view.prior)
+        view = self.view
+        if self.near is not None:
+            refined = planar_pnp_nearby(view.points_obj, self.points, view.camera, self.near)
+            if refined is not None:
+                return refined
+        return solve_planar_pnp(view.points_obj, self.points, view.camera).nearest(view.prior)
 
     @cached_property
     def control_points(self) -> FloatArray:

@@ -198,6 +198,10 @@ class NeighbourMotion(_ControlPointMotion):
         """Those whose 3D points are known."""
         return self.edges(self._start)
 
+    def moved(self, at: Estimate, step: FloatArray) -> Estimate:
+        """I after a step (8,) px; its pose goes on from that of I before."""
+        return at.view.at_points(at.control_points + step.reshape(4, 2), near=at.cam_T_obj)
+
     def edges(self, at: Estimate) -> GeneratedEdges:
         """The edges of the pose next to I, moved to I."""
         return _warped(*self._at(rigid_neighbour(at), at))

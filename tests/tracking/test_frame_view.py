@@ -47,6 +47,21 @@ def test_control_points_have_the_pose_of_planar_pnp(view: View) -> None:
     np.testing.assert_array_equal(view.at_points(bent).cam_T_obj, found.nearest(view.prior))
 
 
+def test_control_points_that_moved_a_little_have_the_pose_next_to_the_one_before(view: View) -> None:
+    points = prior_of(view).control_points
+    bent = points + np.array([[1.0, 0.0], [0.0, 0.5], [-0.5, 0.0], [0.0, 0.0]])
+    poses = solve_planar_pnp(view.points_obj, points, CAMERA).poses
+    for pose, goes_over_into in zip(poses, solve_planar_pnp(view.points_obj, bent, CAMERA).poses, strict=True):
+        found = view.at_points(bent, near=pose).cam_T_obj
+        np.testing.assert_allclose(found, goes_over_into, atol=1e-3)
+    # From where no way leads, the answer is that of the search from nothing.
+    away = move_pose(view.prior, view.part.box_centre, np.array([0.0, 0, 0, 0, 0, -900.0]))
+    np.testing.assert_array_equal(view.at_points(bent, near=away).cam_T_obj, view.at_points(bent).cam_T_obj)
+    flat = np.column_stack([points[:, 0], np.full(4, 50.0)])
+    with pytest.raises(GeometryError):
+        _ = view.at_points(flat, near=view.prior).cam_T_obj
+
+
 def test_of_two_poses_the_one_nearer_to_the_prior_is_taken(view: View) -> None:
     points = prior_of(view).control_points
     poses = solve_planar_pnp(view.points_obj, points, CAMERA).poses

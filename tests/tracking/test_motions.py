@@ -153,6 +153,9 @@ def test_edges_follow_the_rigid_neighbour_as_their_rows_say(
     # A step takes them where the source would draw the same samples.
     there = motion.moved(at, np.array([1.0, -2.0, 0.5, 1.0, -1.5, 0.0, 2.0, 1.0]))
     np.testing.assert_allclose(motion.edges(there).points, whole.reproject(there, generated).points, atol=1e-6)
+    # Its pose goes on from the one before the step, and is that of planar PnP.
+    assert there.near is at.cam_T_obj
+    np.testing.assert_allclose(there.cam_T_obj, view.at_points(there.control_points).cam_T_obj, atol=1e-3)
 
 
 def test_rigid_where_i_moves_like_a_part_and_a_homography_beside_that(
