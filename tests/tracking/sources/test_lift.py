@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
+from acp_lab.cad.edges import visible_samples
 from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import make_caster
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges
+from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
+from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import View
-from acp_lab.tracking.sources.lift import EdgeLifter
+from acp_lab.tracking.sources.lift import EdgeLifter, nearest_within
 from acp_lab.tracking.sources.rigid import RigidSource
 from tests.made_parts import looking_at
 from tests.tracking.views import prior_of, view_at
@@ -43,3 +51,36 @@ def test_known_samples_are_what_they_are(view: View, edges: GeneratedEdges, mode
 def test_edges_far_from_the_part_are_not_lifted(view: View, model: PreparedPart) -> None:
     stray = GeneratedEdges(np.array([[2.0, 2.0]]), np.array([[1.0, 0.0]]), np.ones(1), np.array([-1]))
     assert np.isnan(EdgeLifter(model.part, model.edges).lift(stray, prior_of(view))).all()
+
+
+def test_the_point_is_that_of_the_nearest_sample_which_rays_find_visible(
+    view: View, edges: GeneratedEdges, model: PreparedPart, rng: np.random.Generator
+) -> None:
+    """Against the plain way: rays for all samples, then the nearest of those that are seen."""
+    at, points = prior_of(view), edges.points + rng.normal(0.0, 3.0, edges.points.shape)
+    painted = GeneratedEdges(points, edges.tangents, edges.weights, np.full(len(edges), -1))
+    offset_mm = RAY_OFFSET_IN_DIAMETERS * model.part.diameter
+    samples = model.edges.take(np.arange(min(len(model.edges), 3000)))
+    seen = visible_samples(samples, make_caster(model.part), eye_position(at.cam_T_obj), offset_mm)
+    seen_obj = samples.points_obj[seen]
+    places = view.camera.project(transform(at.cam_T_obj, seen_obj))
+    distances, nearest = cKDTree(places).query(points, distance_upper_bound=4.0)
+    near = np.isfinite(distances)
+    assert 0.3 < near.mean() < 1.0
+    lifted = EdgeLifter(model.part, model.edges).lift(painted, at)
+    np.testing.assert_array_equal(np.isfinite(lifted).all(1), near)
+    np.testing.assert_array_equal(lifted[near], seen_obj[nearest[near]])
+
+
+@given(st.integers(0, 60), st.integers(0, 60), st.integers(0, 10_000))
+def test_nearest_within_is_the_nearest_of_all(count: int, asked: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places, points = rng.uniform(0.0, 30.0, (count, 2)), rng.uniform(0.0, 30.0, (asked, 2))
+    places[: count // 4, 0] = 15.0  # many of one x
+    places[count - count // 5 :] = np.nan
+    found = nearest_within(places, points, 3.0)
+    away = np.linalg.norm(points[:, None] - places[None], axis=2)
+    away[np.isnan(away)] = np.inf
+    for k in range(asked):
+        best = away[k].min(initial=np.inf)
+        assert (found[k] == -1) if best >= 3.0 else away[k, found[k]] == pytest.approx(best, abs=1e-12)
