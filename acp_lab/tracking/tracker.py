@@ -329,7 +329,8 @@ class Tracker:
         if self._carried is None or not isinstance(variables, ControlPointVariables) or variables.carry == "pose":
             return None
         ahead, behind = (view.at_pose(pose).control_points for pose in (view.prior, self.last))
-        return view.at_points(self._carried.control_points + ahead - behind)
+        near = view.prior if variables.direction == "rigid" else None  # where that direction goes on from
+        return view.at_points(self._carried.control_points + ahead - behind, near)
 
     def _recover(
         self, frame: Frame, predicted: FloatArray, first: Solution | None, clock: Stopwatch

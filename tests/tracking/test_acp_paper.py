@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import PreparationError
 from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.image_generator import AutoencoderGenerator
 from acp_lab.generator.painted.training import train_autoencoder
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
@@ -121,6 +123,27 @@ def test_another_networks_painting_loses_the_part(
     wrong = replace(model, autoencoders=Trained({REGION: trained.autoencoder}, {REGION: trained.report}))
     results = Tracker(wrong, ACP_PAPER).run(sequence, sequence.first_pose).results[1]
     assert max(off_percent(plate, (result.cam_T_obj for result in results), sequence)) > 2.0 * LIMIT_PERCENT
+
+
+@pytest.mark.slow
+def test_what_a_frame_ends_with_is_not_painted_again_where_the_next_begins(
+    model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paint, painted = AutoencoderGenerator.edge_image, list[FloatArray]()
+
+    def counted(self: AutoencoderGenerator, points: FloatArray, *which: Any) -> Any:
+        painted.append(points)
+        return paint(self, points, *which)
+
+    monkeypatch.setattr(AutoencoderGenerator, "edge_image", counted)
+    tracker, frames = Tracker(model, ACP_PAPER), list(sequence.frames())
+    tracker.start(frames[0], sequence.first_pose)
+    levels = len(ACP_PAPER.schedule.at(200.0))
+    assert len(painted) == levels + 1
+    for frame in frames[1:4]:
+        painted.clear()
+        tracker.track(frame)
+        assert len(painted) == levels
 
 
 @pytest.mark.slow

@@ -40,6 +40,8 @@ from acp_lab.tracking.sources.rigid import (
 
 Reader = Callable[[np.ndarray, float], RidgePoints]
 
+# Control points that differ by less (canonical px; the rounding of a pose that was worked out twice) paint the same.
+_SAME_PX = 1e-6
 # Samples that are asked for; a quarter of them shows at most.
 _SAMPLES_PER_EDGE = 3
 # From this multiple of the threshold on a sample counts fully: how brightly a line is painted says little.
@@ -123,13 +125,13 @@ class RidgeSource:
         self._point_set = point_set
         self._read = read
         self._level = level
+        self._last: tuple[FloatArray, int, RidgePoints] | None = None
 
     def generate(self, at: Estimate, count: int) -> GeneratedEdges:
         """The edges of an estimate."""
         at = painting_estimate(at, self._frame)
         view = at.view
-        image = self._generator.edge_image(_canonical(at), view.region, self._point_set)
-        found = self._points(image, count)
+        found = _thinned(self._ridges(_canonical(at), view.region), count)
         local = _local_scale(view.image_H_canonical, found.points)
         tangents = np.einsum("nij,nj->ni", local, found.tangents)
         tangents /= np.maximum(np.hypot(tangents[:, 0], tangents[:, 1]), 1e-12)[:, None]
@@ -150,7 +152,7 @@ class RidgeSource:
             image, by_canonical = self._differences(canonical, view.region)
         else:
             image, by_canonical = self._generator.edge_image_derivatives(canonical, view.region, self._point_set)
-        found = self._points(image, len(edges))
+        found = _thinned(self._read(image, self._level), len(edges))
         across = ridge_motion(image, by_canonical, found)
         to_image = np.einsum("nij,nj->ni", _local_scale(view.image_H_canonical, found.points), found.normals)
         # I comes into the canonical frame by the inverse homography, each control point by its own 2x2 scale there.
@@ -160,13 +162,18 @@ class RidgeSource:
         flow: FloatArray = to_image[:, :, None] * (across @ to_canonical)[:, None, :]
         return flow
 
-    def _points(self, image: np.ndarray, count: int) -> RidgePoints:
-        """The edge points of an edge image, thinned evenly to at most `count`."""
-        found = self._read(image, self._level)
-        if len(found) <= count:
-            return found
-        keep = np.linspace(0, len(found) - 1, count).astype(np.intp)
-        return RidgePoints(found.points[keep], found.tangents[keep], found.strengths[keep])
+    def _ridges(self, canonical: FloatArray, region: int) -> RidgePoints:
+        """The edge points of the edge image of I (4, 2) in the canonical frame.
+
+        The last ones are kept: what a frame ends with is painted to judge it, and again where the next one begins.
+        """
+        if self._last is not None:
+            last_canonical, last_region, found = self._last
+            if region == last_region and np.abs(canonical - last_canonical).max() <= _SAME_PX:
+                return found
+        found = self._read(self._generator.edge_image(canonical, region, self._point_set), self._level)
+        self._last = canonical, region, found
+        return found
 
     def _differences(self, canonical: FloatArray, region: int) -> tuple[np.ndarray, np.ndarray]:
         nudges = np.eye(8).reshape(8, 4, 2) * DIFFERENCE_PX
@@ -217,6 +224,14 @@ class SampleSource:
     def flow(self, at: Estimate, edges: GeneratedEdges, by_differences: bool) -> FloatArray:
         """(n, 2, 8), see `rigid_flow`: which samples show changes slowly, where they are is the pose of I."""
         return rigid_flow(at, self._edges.points_obj[edges.sample_ids], by_differences)
+
+
+def _thinned(found: RidgePoints, count: int) -> RidgePoints:
+    """The edge points of an image, thinned evenly to at most `count`."""
+    if len(found) <= count:
+        return found
+    keep = np.linspace(0, len(found) - 1, count).astype(np.intp)
+    return RidgePoints(found.points[keep], found.tangents[keep], found.strengths[keep])
 
 
 def painting_estimate(at: Estimate, frame: PaintingFrame) -> Estimate:

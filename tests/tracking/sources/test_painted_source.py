@@ -46,6 +46,33 @@ def ridges() -> RidgeSource:
     return RidgeSource(PaintedLines(), "regressed", ridge, 0.3, "prediction")  # type: ignore[arg-type]
 
 
+class CountedLines(PaintedLines):
+    """Knows how often it painted."""
+
+    count = 0
+
+    def edge_image(self, points: np.ndarray, region: int, point_set: PointSet = "regressed") -> np.ndarray:
+        self.count += 1
+        return super().edge_image(points, region, point_set)
+
+
+def test_the_same_control_points_are_painted_once(view: View) -> None:
+    lines = CountedLines()
+    ridges = RidgeSource(lines, "regressed", ridge, 0.3, "prediction")  # type: ignore[arg-type]
+    at = prior_of(view)
+    first, fewer = ridges.generate(at, 400), ridges.generate(at, 50)
+    again = ridges.reproject(view.at_points(at.control_points + 1e-9), first)
+    assert lines.count == 1
+    assert len(fewer) == 50
+    np.testing.assert_allclose(again.points, first.points, atol=1e-12)
+    moved = ridges.generate(view.at_points(at.control_points + 1e-3), 400)
+    assert lines.count == 2
+    assert not np.array_equal(moved.points, first.points)
+    # Another region has another network.
+    ridges.generate(replace(view, region=(view.region + 1) % 6).at_points(at.control_points), 400)
+    assert lines.count == 3
+
+
 @pytest.mark.parametrize("by_differences", [False, True])
 def test_painted_edges_come_to_the_image_and_flow_with_the_control_points(
     view: View, ridges: RidgeSource, by_differences: bool
