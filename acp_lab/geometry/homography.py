@@ -133,11 +133,24 @@ class WarpedPoints:
         denominator h7 x + h8 y + 1 at its source point; and a moved point p = H x changes by
         (x, y, 1, -p x, -p y) / w along h.
         """
-        # The centring is held fixed: H does not depend on it, and its scale cancels between dst and H x.
-        steps = np.linalg.inv(self.system) * np.repeat(self.corners @ self.h[6:] + 1.0, 2)
+        steps = self._steps
         jacobian: FloatArray = (self.over_w @ np.hstack([steps[:3], steps[3:6]])).reshape(-1, 2, 8)
         jacobian -= np.einsum("ni,nk->nik", self._moved, self.over_w[:, :2] @ steps[6:])
         return jacobian
+
+    def rows_along(self, directions: FloatArray) -> FloatArray:
+        """(n, 8) the same along directions (n, 2), one per point, which needs no larger array on the way."""
+        along = np.empty((len(directions), 8))
+        np.multiply(self.over_w, directions[:, :1], out=along[:, :3])
+        np.multiply(self.over_w, directions[:, 1:], out=along[:, 3:6])
+        np.multiply(self.over_w[:, :2], -(self._moved * directions).sum(1)[:, None], out=along[:, 6:])
+        rows: FloatArray = along @ self._steps
+        return rows
+
+    @cached_property
+    def _steps(self) -> FloatArray:
+        """(8, 8) dh / d dst; the centring is held fixed: H does not depend on it, and its scale cancels."""
+        return np.linalg.inv(self.system) * np.repeat(self.corners @ self.h[6:] + 1.0, 2)
 
 
 def homography_points_jacobian(src: FloatArray, dst: FloatArray, points: FloatArray) -> FloatArray:

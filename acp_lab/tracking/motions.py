@@ -212,11 +212,11 @@ class NeighbourMotion(_ControlPointMotion):
         edges, warped = self._at(neighbour, at)
         by_pose = at.view.control_jacobian(neighbour.cam_T_obj)
         pose_by = np.linalg.pinv(by_pose)
-        by_points, beside = warped.jacobian(), np.eye(8) - by_pose @ pose_by
+        beside = np.eye(8) - by_pose @ pose_by
 
         def rows_along(directions: FloatArray) -> FloatArray:
             rigid: FloatArray = self._rigid.rows(neighbour, directions) @ pose_by
-            return rigid + np.einsum("nj,njk->nk", directions, by_points) @ beside
+            return rigid + warped.rows_along(directions) @ beside
 
         return _warped(edges, warped), rows_along
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from geometry_strategies import convex_quads
 from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from acp_lab.errors import GeometryError
 from acp_lab.geometry import (
@@ -254,3 +255,13 @@ def test_nearly_flat_quads_still_have_a_homography(gap: float) -> None:
 def test_homographies_do_not_need_convex_quads(quad: FloatArray) -> None:
     dst = quad * (1.5, 0.7) + (10.0, 20.0)
     np.testing.assert_allclose(apply_homography(homography_from_points(quad, dst), quad), dst, atol=1e-9)
+
+
+@given(st.integers(0, 10_000))
+def test_rows_along_directions_are_the_jacobian_along_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    src = np.array([[0.0, 0.0], [90.0, 5.0], [95.0, 70.0], [-5.0, 60.0]]) + rng.uniform(-8.0, 8.0, (4, 2))
+    warped = QuadWarp(src, rng.uniform(0.0, 80.0, (30, 2))).to(src * 1.2 + rng.uniform(-9.0, 9.0, (4, 2)) + 40.0)
+    directions = rng.normal(size=(30, 2))
+    expected = np.einsum("nj,njk->nk", directions, warped.jacobian())
+    np.testing.assert_allclose(warped.rows_along(directions), expected, atol=1e-11)
