@@ -150,8 +150,8 @@ class WarpedPoints:
     @cached_property
     def _steps(self) -> FloatArray:
         """(8, 8) dh / d dst; the centring is held fixed: H does not depend on it, and its scale cancels."""
-        steps: FloatArray = np.linalg.inv(self.system) * np.repeat(self.corners @ self.h[6:] + 1.0, 2)
-        return steps
+        by_moved = np.linalg.inv(self.system)
+        return np.asarray(by_moved * np.repeat(self.corners @ self.h[6:] + 1.0, 2), np.float64)
 
 
 def homography_points_jacobian(src: FloatArray, dst: FloatArray, points: FloatArray) -> FloatArray:
