@@ -1,8 +1,10 @@
 """From the paper's path as it is printed to `acp-paper`, one deviation at a time, and how well its generators paint.
 
 Every step is on the ridges of the painted edge image but these: "true images" has the ridges of the images that the
-network should have painted, "exact edges" the visibility network's edges, in the same view regions. Steps before
-"frame at the pose" need auto-encoders of a frame at the prediction, of the same length of training. From truth, no
+network should have painted, "exact edges" the visibility network's edges, in the same view regions; both move edges by
+the homography alone, unless "rigid direction" is said. "without" is the whole path with one deviation taken away; the
+residual homography takes the rigid direction with it, which moves on from where it generates. Steps before "frame at
+the pose" need auto-encoders of a frame at the prediction, of the same length of training. From truth, no
 resets, the first frame left out, one thread. The bias of a painting is that of the pose which fits it best at the true
 pose (`acp_lab.studies.painting_bias`). `--causes` runs the last steps and these alone, forwards and backwards;
 `--floor` reads ridges off true images of a hundred views of the first frame's region, and needs no auto-encoder.
@@ -40,7 +42,14 @@ SEED = 0
 RIGIDITY = 0.2
 """Weight of the rigidity prior, per squared px: the best of 0.05, 0.2 and 1 on eight sequences, exact edges."""
 LIMITS = {"@2": 0.02, "@5": 0.05, "@10": 0.10}
-CAUSES = ("+ annealed alpha", "true images", "exact edges", "+ rigid direction", "exact edges, rigid direction")
+CAUSES = (
+    "+ rigid direction",
+    "true images, rigid direction",
+    "exact edges, rigid direction",
+    "+ annealed alpha",
+    "true images",
+    "exact edges",
+)
 LITERAL_STEPS = ("literal", "+ residual homography", "without frame at the pose")
 UNITS = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter, mean over sequences",
@@ -55,7 +64,7 @@ PAINTED = {
 
 
 def steps() -> dict[str, Method]:
-    """The path, cumulative, then what comes before its last step with one thing taken away or replaced."""
+    """The path, cumulative, then its end with one thing taken away or replaced; see the module's head."""
     from acp_lab.tracking.method import METHODS
     from acp_lab.tracking.priors import RigidityPrior
     from acp_lab.tracking.sources.rigid import CadSamples
@@ -64,7 +73,6 @@ def steps() -> dict[str, Method]:
     residual = replace(literal, variables=replace(paper.variables, direction="homography"))
     at_pose = replace(residual, source=paper.source)
     bins = replace(at_pose, targets=paper.targets)
-    # Without the residual homography there is nothing rigid to follow, so what is taken away is taken from this one.
     annealed = replace(paper, variables=residual.variables)
     exact = CadSamples("learned", inset_outlines=True)
     found = {
@@ -74,10 +82,12 @@ def steps() -> dict[str, Method]:
         "+ orientation bins": bins,
         "+ annealed alpha": annealed,
         "+ rigid direction": paper,
-        "without residual homography": replace(annealed, variables=literal.variables),
-        "without frame at the pose": replace(annealed, source=literal.source),
-        "without orientation bins": replace(annealed, targets=literal.targets),
+        "without residual homography": replace(paper, variables=literal.variables),
+        "without frame at the pose": replace(paper, source=literal.source),
+        "without orientation bins": replace(paper, targets=literal.targets),
+        "without annealed alpha": replace(paper, schedule=literal.schedule),
         "true images": annealed,
+        "true images, rigid direction": paper,
         "exact edges": replace(annealed, source=exact),
         "exact edges, rigid direction": replace(paper, source=exact),
         "with a rigidity prior": replace(paper, priors=(RigidityPrior(RIGIDITY),)),
@@ -265,9 +275,8 @@ def main() -> None:
     for folder in options.scenes:
         decoded = DecodedScene(open_sequence(folder))
         model = load(options.parts, decoded.scene)
-        by_step = {
-            "true images": perfectly_painted(model, model.autoencoder().regions),
-        }
+        true_images = perfectly_painted(model, model.autoencoder().regions)
+        by_step = dict.fromkeys((step for step in steps() if step.startswith("true")), true_images)
         by_step |= dict.fromkeys((step for step in steps() if step.startswith("exact")), of_painted_regions(model))
         if options.causes:
             for step, backwards in product(CAUSES, (False, True)):

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.tracking.method import METHODS
-from benchmarks.deviations import DecodedScene, Run, errors_along, floor, mean_rows, of_painted_regions, steps
+from benchmarks.deviations import (
+    CAUSES,
+    DecodedScene,
+    Run,
+    errors_along,
+    floor,
+    mean_rows,
+    of_painted_regions,
+    steps,
+)
 from tests.prepared_sample import sample_model, sample_scene
 
 
@@ -25,6 +34,26 @@ def test_each_step_changes_one_part() -> None:
         for before, after in itertools.pairwise(path)
     ]
     assert changed == [{"variables"}, {"source"}, {"targets"}, {"schedule"}, {"variables"}]
+
+
+def test_what_is_taken_away_is_one_deviation_of_the_whole_path() -> None:
+    named = steps()
+    paper, literal = METHODS["acp-paper"], METHODS["acp-paper-literal"]
+    for step, part in (
+        ("without residual homography", "variables"),
+        ("without frame at the pose", "source"),
+        ("without orientation bins", "targets"),
+        ("without annealed alpha", "schedule"),
+    ):
+        assert named[step] == replace(paper, **{part: getattr(literal, part)}), step
+        assert named[step] != paper
+    # Without the rigid direction it is the step before.
+    assert named["+ annealed alpha"] == replace(paper, variables=replace(paper.variables, direction="homography"))
+    assert set(CAUSES) <= set(named)
+    for edges in ("true images", "exact edges"):
+        by_homography, rigid = named[edges], named[f"{edges}, rigid direction"]
+        assert replace(rigid, variables=by_homography.variables) == by_homography
+        assert rigid.variables == paper.variables
 
 
 def test_rows_are_means_over_sequences() -> None:
