@@ -14,8 +14,9 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray
+from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, writable
 from acp_lab.sequences.frame import Frame
 
 _PIXELS = 5000
@@ -58,7 +59,7 @@ class Tones:
 
     def forget(self) -> None:
         """Before a new track."""
-        self._before: ByteImage | None = None
+        self._before: _Sample | None = None
         self._curves: FloatArray | None = None
 
     def preview(self, frame: Frame) -> Frame:
@@ -70,12 +71,12 @@ class Tones:
 
     def steady(self, frame: Frame) -> Frame:
         """The frame in the tones before a sudden change of light, or as it is."""
-        pixels = _some_pixels(frame.image)
-        before, self._before = self._before, pixels
+        now = _some_pixels(frame.image)
+        before, self._before = self._before, now
         if self._curves is not None:
             self._curves = _GREYS + self.config.keep * (self._curves - _GREYS)
-        if before is not None and before.shape == pixels.shape:
-            change = self._sudden_change(before, pixels)
+        if before is not None and before.pixels.shape == now.pixels.shape:
+            change = self._sudden_change(before, now)
             if change is not None:
                 self._curves = change if self._curves is None else _composed(self._curves, change)
         if self._curves is None or np.abs(self._curves - _GREYS).max() < 1.0:
@@ -84,29 +85,73 @@ class Tones:
         table = np.rint(self._curves).clip(0, 255).astype(np.uint8).T[None]
         return replace(frame, image=np.asarray(cv2.LUT(frame.image, table), np.uint8))
 
-    def _sudden_change(self, before: ByteImage, now: ByteImage) -> FloatArray | None:
+    def _sudden_change(self, before: _Sample, now: _Sample) -> FloatArray | None:
         """(3, 256) from grey values now to those before; None where the light did not change suddenly."""
-        change = float(cv2.absdiff(now, before).mean())
+        change = float(_mean_difference(before.pixels, now.pixels))
         if change < self.config.least:
             return None
-        channels = [(np.ascontiguousarray(b), np.ascontiguousarray(n)) for b, n in zip(before.T, now.T, strict=True)]
-        counts = [[np.bincount(values, minlength=256) for values in channel] for channel in channels]
         # What is left is at least the change less what separates the histograms, which is quickly known.
-        apart = float(np.mean([np.abs(np.cumsum(b - n)).sum() / n.sum() for b, n in counts]))
+        apart = float(_mean_distance(before.counts, now.counts))
         if change - apart >= self.config.unexplained * change:
             return None
-        curves = np.stack([_matched(b, n) for b, n in counts])
-        pairs = zip(curves, channels, strict=True)
-        left = float(np.mean([np.abs(curve[n] - b).mean() for curve, (b, n) in pairs]))
+        curves = np.stack([_matched(b, n) for b, n in zip(before.counts, now.counts, strict=True)])
+        pairs = zip(curves, before.pixels.T, now.pixels.T, strict=True)
+        left = float(np.mean([np.abs(curve[n] - b).mean() for curve, b, n in pairs]))
         # A constant explains a frame that is all the same, or wholly another: that says nothing of the light.
-        by_constant = float(np.mean([_spread(b) for b, _ in counts]))
+        by_constant = float(np.mean([_spread(b) for b in before.counts]))
         return curves if left < min(self.config.unexplained * change, self.config.of_constant * by_constant) else None
 
 
-def _some_pixels(image: ByteImage) -> ByteImage:
-    """(n, 3) on a grid."""
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """pixels: (n, 3) of a frame, on a grid; counts: (3, 256) of them, by channel and grey value."""
+
+    pixels: ByteImage
+    counts: IntArray
+
+
+def _some_pixels(image: ByteImage) -> _Sample:
     step = max(1, round(float(np.sqrt(image.shape[0] * image.shape[1] / _PIXELS))))
-    return image[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
+    grid = writable(image[step // 2 :: step, step // 2 :: step])
+    pixels, counts = np.empty((grid.shape[0] * grid.shape[1], 3), np.uint8), np.zeros((3, 256), np.int64)
+    _count(grid, pixels, counts)
+    return _Sample(pixels, counts)
+
+
+@kernel("void(u1[:, :, :], u1[:, ::1], i8[:, ::1])")
+def _count(grid: ByteImage, pixels: ByteImage, counts: IntArray) -> None:
+    """Fill pixels (n, 3), row by row, and counts (3, 256), zeros before, with those of an image (h, w, 3)."""
+    height, width, _ = grid.shape
+    for row in range(height):
+        for column in range(width):
+            for channel in range(3):
+                value = grid[row, column, channel]
+                pixels[row * width + column, channel] = value
+                counts[channel, value] += 1
+
+
+@kernel("f8(u1[:, ::1], u1[:, ::1])")
+def _mean_difference(before: ByteImage, now: ByteImage) -> float:
+    """Mean absolute difference of grey levels; both (n, 3)."""
+    total = 0
+    for k in range(len(now)):
+        for channel in range(3):
+            total += abs(np.int64(now[k, channel]) - np.int64(before[k, channel]))
+    return total / now.size
+
+
+@kernel("f8(i8[:, ::1], i8[:, ::1])")
+def _mean_distance(before: IntArray, now: IntArray) -> float:
+    """By how many grey levels, in the mean, pixels of one histogram have to move to make it another; both (3, 256)."""
+    apart = 0.0
+    for channel in range(3):
+        ahead, moved, count = 0, 0, 0
+        for grey in range(256):
+            ahead += before[channel, grey] - now[channel, grey]
+            moved += abs(ahead)
+            count += now[channel, grey]
+        apart += moved / count
+    return apart / 3.0
 
 
 def _percentiles(counts: IntArray, ranks: FloatArray) -> FloatArray:

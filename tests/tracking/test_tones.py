@@ -15,7 +15,15 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.result import TrackState
-from acp_lab.tracking.tones import ToneMatching, Tones, _percentiles, _spread
+from acp_lab.tracking.tones import (
+    ToneMatching,
+    Tones,
+    _mean_difference,
+    _mean_distance,
+    _percentiles,
+    _some_pixels,
+    _spread,
+)
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import add_percent, draw, poses, prepared
@@ -150,3 +158,20 @@ def test_a_look_ahead_changes_nothing() -> None:
     np.testing.assert_array_equal(ahead[2], ahead[0])
     np.testing.assert_array_equal(tones.steady(dark).image, ahead[0])
     assert mean_difference(ahead[0], scene()) < 4.0
+
+
+@pytest.mark.parametrize("is_writable", [True, False])
+def test_loops_over_pixels_give_what_numpy_gives(is_writable: bool) -> None:
+    before, now = np.random.default_rng(3).integers(0, 256, (2, 203, 311, 3), dtype=np.uint8)
+    now = now // 2
+    now.flags.writeable = is_writable
+    grids = [image[2::4, 2::4].reshape(-1, 3) for image in (before, now)]  # 63133 px: every fourth, some 5000 in all
+    counts = [np.stack([np.bincount(channel, minlength=256) for channel in grid.T]) for grid in grids]
+    samples = [_some_pixels(image) for image in (before, now)]
+    for sample, grid, counted in zip(samples, grids, counts, strict=True):
+        np.testing.assert_array_equal(sample.pixels, grid)
+        np.testing.assert_array_equal(sample.counts, counted)
+    change = np.abs(grids[1].astype(int) - grids[0]).mean()
+    apart = np.mean([np.abs(np.cumsum(b - n)).sum() / n.sum() for b, n in zip(*counts, strict=True)])
+    assert _mean_difference(samples[0].pixels, samples[1].pixels) == change
+    assert _mean_distance(samples[0].counts, samples[1].counts) == apart
