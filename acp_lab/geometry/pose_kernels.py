@@ -40,6 +40,38 @@ def eliminate(matrix: FloatArray, vector: FloatArray) -> bool:
     return True
 
 
+@kernel("void(f8[:, ::1], f8[:, ::1])")
+def invert(matrix: FloatArray, inverse: FloatArray) -> None:
+    """Fill inverse (n, n), for the small n of poses; NaN where there is none."""
+    count = len(matrix)
+    rest = matrix.copy()
+    for i in range(count):
+        for k in range(count):
+            inverse[i, k] = 1.0 if i == k else 0.0
+    for column in range(count):
+        pivot = column
+        for row in range(column + 1, count):
+            if abs(rest[row, column]) > abs(rest[pivot, column]):
+                pivot = row
+        if not abs(rest[pivot, column]) > 0.0:
+            inverse[:] = np.nan
+            return
+        if pivot != column:
+            for k in range(count):
+                rest[column, k], rest[pivot, k] = rest[pivot, k], rest[column, k]
+                inverse[column, k], inverse[pivot, k] = inverse[pivot, k], inverse[column, k]
+        scale = 1.0 / rest[column, column]
+        for k in range(count):
+            rest[column, k] *= scale
+            inverse[column, k] *= scale
+        for row in range(count):
+            factor = rest[row, column]
+            if row != column and factor != 0.0:
+                for k in range(count):
+                    rest[row, k] -= factor * rest[column, k]
+                    inverse[row, k] -= factor * inverse[column, k]
+
+
 @kernel("void(f8[:, ::1], f8[::1], f8[::1], f8[:, ::1])")
 def move(pose: FloatArray, centre_obj: FloatArray, step: FloatArray, moved: FloatArray) -> None:
     """Fill moved (4, 4), see `pose_step.move_pose`."""

@@ -14,10 +14,12 @@ from typing import ClassVar
 import numpy as np
 
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, plain
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
-from acp_lab.geometry.pose_step import image_directions, move_pose, pose_step_between
+from acp_lab.geometry.pose_kernels import invert, move, step_between
+from acp_lab.geometry.pose_step import image_directions, move_pose
+from acp_lab.tracking.kalman_kernel import go_on, take_in
 
 
 @dataclass(frozen=True)
@@ -64,14 +66,12 @@ class PoseKalman:
     """The filter of one part. innovation: of the last frame, squared, per degree of freedom; about 1 if all is well."""
 
     def __init__(self, centre_obj: FloatArray, config: KalmanPrediction) -> None:
-        self._centre_obj = centre_obj
+        self._centre_obj = np.array(centre_obj, np.float64)
         self._config = config
         self._last: FloatArray | None = None
         # Of the next frame, as predicted: pose (4, 4), velocity (6,), covariance (12, 12) of both.
         self._pose, self._velocity, self._covariance = np.eye(4), np.zeros(6), np.eye(12)
         self._information: FloatArray | None = None
-        self._transition = np.eye(12)
-        self._transition[:6, 6:] = np.eye(6)
 
     @property
     def last(self) -> FloatArray:
@@ -103,12 +103,13 @@ class PoseKalman:
     def information(self) -> FloatArray:
         """(6, 6) inverse covariance of that pose."""
         if self._information is None:
-            self._information = np.asarray(np.linalg.inv(self._covariance[:6, :6]), np.float64)
+            self._information = np.empty((6, 6))
+            invert(np.array(self._covariance[:6, :6]), self._information)
         return self._information
 
     def innovation_of(self, cam_T_obj: FloatArray) -> float:
         """How far a pose (4, 4) is from the predicted one: squared, normalised, per degree of freedom."""
-        off = pose_step_between(self.predict(), cam_T_obj, self._centre_obj)
+        off = self._off(cam_T_obj)
         return float(off @ self.information() @ off) / 6.0
 
     def sight(self, camera: Camera, centre_px: FloatArray, scatter_px: float, doubt: float) -> None:
@@ -154,17 +155,21 @@ class PoseKalman:
             self._go_on(self.last, np.zeros(6), covariance)
             return
         self._observed = True
-        prior = self.information()
-        off = pose_step_between(self.predict(), cam_T_obj, self._centre_obj)
-        gain = covariance[:, :6] @ prior
-        posterior = np.linalg.inv(prior + (prior if information is None else information))
+        prior, off = self.information(), self._off(cam_T_obj)
         self.innovation = float(off @ prior @ off) / 6.0
         if self.innovation > 1.0:
             self._widening = min(self._widening * min(self.innovation, 4.0), self._config.most_widening)
         else:
             self._widening = max(1.0, 0.8 * self._widening)
-        covariance = _symmetric(covariance - gain @ (covariance[:6, :6] - posterior) @ gain.T)
-        self._go_on(cam_T_obj, self._velocity + gain[6:] @ off, covariance)
+        velocity, updated = self._velocity.copy(), np.empty((12, 12))
+        take_in(covariance, prior, prior + (prior if information is None else information), off, velocity, updated)
+        self._go_on(cam_T_obj, velocity, updated)
+
+    def _off(self, cam_T_obj: FloatArray) -> FloatArray:
+        """(6,) the pose step from the predicted pose to another (4, 4)."""
+        off = np.empty(6)
+        step_between(plain(self.predict()), plain(cam_T_obj), self._centre_obj, off)
+        return off
 
     def _go_on(self, cam_T_obj: FloatArray, velocity: FloatArray, covariance: FloatArray) -> None:
         """To the next frame, from what is known in this one."""
@@ -174,14 +179,9 @@ class PoseKalman:
         variance[:3] = self._widening * (math.radians(config.turn_deg) ** 2 + share**2 * turning)
         variance[3:] = self._widening * (config.shift_mm**2 + share**2 * shifting)
         self._last, self._velocity = cam_T_obj, velocity
-        self._pose = move_pose(cam_T_obj, self._centre_obj, velocity)
-        self._covariance, self._information = self._transition @ covariance @ self._transition.T, None
-        # Accelerations that last a frame: a quarter of their variance in the pose, half between pose and velocity.
-        pose, speed = np.arange(6), np.arange(6, 12)
-        self._covariance[pose, pose] += 0.25 * variance
-        self._covariance[pose, speed] += 0.5 * variance
-        self._covariance[speed, pose] += 0.5 * variance
-        self._covariance[speed, speed] += variance
+        self._pose, self._covariance, self._information = np.empty((4, 4)), np.empty((12, 12)), None
+        move(plain(cam_T_obj), self._centre_obj, velocity, self._pose)
+        go_on(covariance, variance, self._covariance)
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

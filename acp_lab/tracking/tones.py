@@ -133,10 +133,10 @@ def _count(grid: ByteImage, pixels: ByteImage, counts: IntArray) -> None:
 @kernel("f8(u1[:, ::1], u1[:, ::1])")
 def _mean_difference(before: ByteImage, now: ByteImage) -> float:
     """Mean absolute difference of grey levels; both (n, 3)."""
-    total = 0
+    total = 0.0
     for k in range(len(now)):
         for channel in range(3):
-            total += abs(np.int64(now[k, channel]) - np.int64(before[k, channel]))
+            total += abs(float(now[k, channel]) - float(before[k, channel]))
     return total / now.size
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from acp_lab.geometry.pose import make_pose, so3_exp
-from acp_lab.geometry.pose_kernels import eliminate, move, step_between
+from acp_lab.geometry.pose_kernels import eliminate, invert, move, step_between
 from acp_lab.geometry.pose_step import move_pose, pose_step_between
 
 CENTRE = np.array([120.0, -40.0, 15.0])
@@ -36,6 +36,16 @@ def test_six_equations_are_solved(rng: np.random.Generator) -> None:
         expected = np.linalg.solve(matrix, vector)
         assert eliminate(matrix.copy(), vector)
         np.testing.assert_allclose(vector, expected, rtol=1e-7)
+
+
+def test_an_inverse_is_that_of_numpy(rng: np.random.Generator) -> None:
+    scale = np.diag([1e3, 1e3, 1e3, 1.0, 1.0, 1e-2])
+    matrix = scale @ rng.standard_normal((6, 6)) @ scale
+    found = np.empty((6, 6))
+    invert(matrix, found)
+    np.testing.assert_allclose(found, np.linalg.inv(matrix), rtol=1e-9, atol=1e-12)
+    invert(np.ones((6, 6)), found)
+    assert np.isnan(found).all()
 
 
 def test_equations_without_a_solution_say_so(rng: np.random.Generator) -> None:
