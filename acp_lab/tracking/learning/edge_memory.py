@@ -51,14 +51,12 @@ class EdgeMemory:
         self.means = np.zeros((sample_count, 3))
 
     def factors(self, sample_ids: IntArray, candidates: Candidates) -> FloatArray:
-        """(n, m) in (0, 1]: how well each candidate agrees with its sample's past; 1 where there is none."""
-        if not self.known.any():
-            return np.ones_like(candidates.scores)
+        """(n, m) in (0, 1]: how well each candidate agrees with its sample's past; 1 where there is none of either."""
         config, found = self.config, np.empty_like(candidates.scores)
         _factors(
-            np.ascontiguousarray(sample_ids), self.known, self.means, candidates.gradients, candidates.before,
-            candidates.after, config.gradient_tolerance, config.gradient_floor, config.grey_tolerance,
-            config.grey_floor, found,
+            np.ascontiguousarray(sample_ids), self.known, self.means, candidates.scores, candidates.gradients,
+            candidates.before, candidates.after, config.gradient_tolerance, config.gradient_floor,
+            config.grey_tolerance, config.grey_floor, found,
         )  # fmt: skip
         return found
 
@@ -78,12 +76,13 @@ class EdgeMemory:
 
 
 @kernel(
-    "void(i8[::1], b1[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8, f8, f8[:, ::1])",
+    "void(i8[::1], b1[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8, f8, f8[:, ::1])",
     fastmath=frozenset({"contract"}),
 )
 def _factors(
-    ids: IntArray, known: BoolArray, means: FloatArray, gradients: FloatArray, before: FloatArray, after: FloatArray,
-    gradient_tolerance: float, gradient_floor: float, grey_tolerance: float, grey_floor: float, found: FloatArray,
+    ids: IntArray, known: BoolArray, means: FloatArray, scores: FloatArray, gradients: FloatArray, before: FloatArray,
+    after: FloatArray, gradient_tolerance: float, gradient_floor: float, grey_tolerance: float, grey_floor: float,
+    found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (n, m), see `EdgeMemory.factors`."""
     for i in range(len(ids)):
@@ -93,6 +92,9 @@ def _factors(
             continue
         gradient = means[sample, 0]
         for k in range(found.shape[1]):
+            if scores[i, k] == 0.0:
+                found[i, k] = 1.0
+                continue
             relative = (gradients[i, k] - gradient) / (abs(gradient) + 1.0) / gradient_tolerance
             by_gradient = gradient_floor + (1.0 - gradient_floor) * np.exp(-0.5 * relative * relative)
             one, other = before[i, k] - means[sample, 1], after[i, k] - means[sample, 2]

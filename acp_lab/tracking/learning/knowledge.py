@@ -145,9 +145,10 @@ class SampleKnowledge:
         directions = at.lines(self.edges.points_obj[edges.sample_ids], normals).directions
         return self.offsets.expect(edges.sample_ids, edges.outline, directions @ at.cam_T_obj[:3, :3])
 
-    def shifts(self, edges: GeneratedEdges, candidates: Candidates) -> FloatArray | float:
-        """(n, m) px along the normals by which candidates lie to the bright side of where they belong."""
-        return 0.0 if self.polarity is None else self.polarity.expect(candidates.gradients, edges.outline)
+    @property
+    def shift_px(self) -> float:
+        """By how much outlines lie to the bright side of where they belong."""
+        return 0.0 if self.polarity is None else self.polarity.shift_px
 
     def trust(self, edges: GeneratedEdges, expected: ExpectedOffsets | None, sigma_px: float) -> FloatArray | None:
         """(n,) weights in (0, 1] at a level of that sigma; None where all samples count alike."""

@@ -16,7 +16,7 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView
@@ -133,11 +133,13 @@ class NormalMeasure:
         scores = self.candidates.scores
         if use_memory:
             scores = knowledge.agreement(edges.sample_ids, self.candidates, scores)
-        self.scores: FloatArray = np.where(scores > config.min_score, scores, 0.0) * edges.weights[:, None]
         self.expected = knowledge.expect(edges, self.normals, at)
-        self.targets: FloatArray = self.candidates.offsets - knowledge.shifts(edges, self.candidates)
-        if self.expected is not None:
-            self.targets = self.targets - self.expected.offsets_px[:, None]
+        expected_px = np.zeros(len(edges)) if self.expected is None else self.expected.offsets_px
+        self.scores, self.targets = np.empty((2, *scores.shape))
+        _place(
+            self.candidates.offsets, self.candidates.gradients, scores, plain(edges.weights), edges.outline,
+            expected_px, knowledge.shift_px, config.min_score, self.scores, self.targets,
+        )  # fmt: skip
         trust = knowledge.trust(edges, self.expected, self.sigma_px)
         self.trust: FloatArray = np.ones(len(edges)) if trust is None else trust
 
@@ -162,8 +164,9 @@ class NormalMeasure:
 
     def distances(self, edges: GeneratedEdges) -> FloatArray:
         """(n, m) px along the normals from the points where they are now to where the candidates say."""
-        moved = np.einsum("nj,nj->n", edges.points - self.points, self.normals)
-        return self.targets - moved[:, None]
+        found = np.empty_like(self.targets)
+        _distances(self.targets, plain(self.points), plain(self.normals), plain(edges.points), found)
+        return found
 
     def __call__(self, edges: GeneratedEdges) -> NormalMeasurement:
         """What the candidates say about the points where they are now."""
@@ -197,6 +200,37 @@ class NormalMeasure:
         return TargetView(points, self._target.patch.origin, (width, height))
 
 
+@kernel(
+    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], b1[::1], f8[::1], f8, f8, f8[:, ::1], f8[:, ::1])",
+)
+def _place(
+    offsets: FloatArray, gradients: FloatArray, scores: FloatArray, weights: FloatArray, outline: BoolArray,
+    expected_px: FloatArray, shift_px: float, min_score: float, weighed: FloatArray, targets: FloatArray,
+) -> None:  # fmt: skip
+    """Fill weighed and targets (n, m), the scores and targets of a `NormalMeasure`.
+
+    offsets, gradients, scores: (n, m) of the candidates; weights, outline, expected_px: (n,) of the edge points;
+    shift_px: by which outlines lie to their bright side.
+    """
+    for i in range(len(offsets)):
+        for k in range(offsets.shape[1]):
+            weighed[i, k] = scores[i, k] * weights[i] if scores[i, k] > min_score else 0.0
+            targets[i, k] = offsets[i, k] - expected_px[i]
+            if outline[i]:
+                targets[i, k] -= shift_px * np.sign(gradients[i, k])
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
+def _distances(
+    targets: FloatArray, start: FloatArray, normals: FloatArray, points: FloatArray, found: FloatArray
+) -> None:  # fmt: skip
+    """Fill found (n, m): what is left of targets (n, m) px when points have moved from start; both (n, 2)."""
+    for i in range(len(targets)):
+        moved = (points[i, 0] - start[i, 0]) * normals[i, 0] + (points[i, 1] - start[i, 1]) * normals[i, 1]
+        for k in range(targets.shape[1]):
+            found[i, k] = targets[i, k] - moved
+
+
 @kernel("f8(f8[:, ::1], f8[::1], f8[:, ::1], f8, f8)")
 def _mean_nearness(
     scores: FloatArray, weights: FloatArray, distances: FloatArray, shift_px: float, sigma_px: float
@@ -211,6 +245,13 @@ def _mean_nearness(
                 best = max(best, scores[i, k] * np.exp(narrow * distance * distance))
         total += weights[i] * best
     return total / max(len(scores), 1)
+
+
+@kernel("void(f8[:, ::1], i8[::1], f8[::1], f8, f8[::1])")
+def _residuals(distances: FloatArray, best: IntArray, found: FloatArray, above: float, residuals: FloatArray) -> None:
+    """Fill residuals (n,): distances (n, m) in the columns `best` (n,), NaN where `found` (n,) is not above a limit."""
+    for i in range(len(best)):
+        residuals[i] = distances[i, best[i]] if found[i] > above else np.nan
 
 
 @kernel("void(f8[:, ::1], f8[:, ::1], f8, i8[::1], f8[::1], f8[::1])")
@@ -305,14 +346,18 @@ class NormalJudgement:
     def score(self) -> float:
         """The quality, for a share without what the memory says."""
         share = self.measure.plain_share
-        return (1.0 - share) * self.quality + (share * self.measure.plain_quality(self.distances) if share else 0.0)
+        return (1.0 - share) * self.quality + (share * self._plain_quality if share else 0.0)
+
+    @cached_property
+    def _plain_quality(self) -> float:
+        return self.measure.plain_quality(self.distances)
 
     @cached_property
     def contrast(self) -> float:
         """In [-1, 1]: how many more image edges are at the points than beside them, whatever the memory says."""
         quality_of, distances = self.measure.plain_quality, self.distances
         beside = 0.5 * (quality_of(distances, _BESIDE_PX) + quality_of(distances, -_BESIDE_PX))
-        return quality_of(distances) - beside
+        return self._plain_quality - beside
 
     def learn(self, trusted: bool) -> None:
         """What was learnt goes into the method's `SampleKnowledge`."""
@@ -327,8 +372,9 @@ class NormalJudgement:
 
     def residuals_above(self, found: float) -> FloatArray:
         """(n,) px to the best candidate, NaN where `found` is not above a limit."""
-        rows = np.arange(len(self.best))
-        return np.where(self.found > found, self.distances[rows, self.best], np.nan)
+        residuals = np.empty(len(self.best))
+        _residuals(self.distances, self.best, self.found, found, residuals)
+        return residuals
 
     @property
     def target_view(self) -> TargetView:

@@ -76,4 +76,13 @@ def mixture_loss(mass: FloatArray, outlier: float) -> float:
     """`robust_loss` of the candidates' total mass (n,) per edge point; without points, that of an edge not found."""
     if len(mass) == 0:
         return float(np.log1p(outlier) - np.log(outlier))
-    return float(np.mean(np.log1p(outlier) - np.log(np.minimum(mass, 1.0) + outlier)))
+    return float(_mean_log_share(mass, outlier))
+
+
+@kernel("f8(f8[::1], f8)")
+def _mean_log_share(mass: FloatArray, outlier: float) -> float:
+    """Mean over n points of the negative log of their mass (n,), at most 1, with the outliers', as a share of both."""
+    total = 0.0
+    for each in mass:
+        total += np.log1p(outlier) - np.log(min(each, 1.0) + outlier)
+    return total / len(mass)

@@ -27,7 +27,10 @@ from acp_lab.tracking.targets.normals import (
     NormalTarget,
     RepeatedSearch,
     _best_candidates,
+    _distances,
     _mean_nearness,
+    _place,
+    _residuals,
 )
 from acp_lab.tracking.targets.soft_assignment import mixture_loss, robust_loss, soft_assignment
 from tests.tracking.rendered import CAMERA, MadeSequence, prepared
@@ -341,3 +344,24 @@ def test_judging_is_what_its_slow_twin_says(rng: np.random.Generator) -> None:
         near = (weights[:, None] * scores * np.exp(-0.5 * ((distances - shift) / 1.5) ** 2)).max(1).mean()
         assert _mean_nearness(scores, weights, distances, shift, 1.5) == pytest.approx(near, rel=1e-12)
     assert _mean_nearness(np.zeros((0, 4)), np.zeros(0), np.zeros((0, 4)), 0.0, 1.5) == 0.0
+
+
+def test_placing_candidates_is_what_its_slow_twin_says(rng: np.random.Generator) -> None:
+    (offsets, gradients), (expected, weights) = rng.normal(size=(2, 30, 4)), rng.random((2, 30))
+    scores = rng.random((30, 4))
+    gradients[::3, 1] = 0.0
+    outline, weighed, targets = rng.random(30) < 0.5, np.empty((30, 4)), np.empty((30, 4))
+    _place(offsets, gradients, scores, weights, outline, expected, 0.4, 0.3, weighed, targets)
+    np.testing.assert_array_equal(weighed, np.where(scores > 0.3, scores, 0.0) * weights[:, None])
+    belongs = offsets - 0.4 * np.sign(gradients) * outline[:, None] - expected[:, None]
+    np.testing.assert_allclose(targets, belongs, rtol=1e-12, atol=1e-15)
+
+
+def test_distances_and_residuals_are_what_their_slow_twins_say(rng: np.random.Generator) -> None:
+    targets, (start, normals, points) = rng.normal(size=(30, 4)), rng.normal(size=(3, 30, 2))
+    distances, residuals, best, found = np.empty((30, 4)), np.empty(30), rng.integers(0, 4, 30), rng.random(30)
+    _distances(targets, start, normals, points, distances)
+    moved_px = ((points - start) * normals).sum(1)
+    np.testing.assert_allclose(distances, targets - moved_px[:, None], rtol=1e-12, atol=1e-15)
+    _residuals(distances, best, found, 0.3, residuals)
+    np.testing.assert_array_equal(residuals, np.where(found > 0.3, distances[np.arange(30), best], np.nan))
