@@ -23,6 +23,7 @@ from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, canonical_fra
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.generator.base import RigidGenerator, VisibleSamples
+from acp_lab.geometry.arrays import plain
 
 
 @dataclass(frozen=True)
@@ -55,16 +56,19 @@ class RegionNetwork:
         _hidden(self.weight1, self.bias1, self.weight2, self.bias2, inputs, found)
         return found
 
-    def free(self, inputs: np.ndarray, shows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The first `count` of the samples that `shows` (n,) bool that the network calls unoccluded.
+    def free(self, inputs: np.ndarray, edges: EdgeSamples, eye_obj: np.ndarray, count: int) -> VisibleSamples:
+        """The first `count` samples that show from an eye (3,) mm, and that the network calls unoccluded.
 
-        Returns:
-            Their ids (k,) and logits (k,); samples beyond them are never computed.
+        Those beyond them are never looked at.
         """
         most = min(count, len(self.rows))
-        ids, logits = np.empty(most, np.int64), np.empty(most, np.float32)
-        found = _first_free(self.weight3, self.bias3, self.rows, self.hidden(inputs), shows, ids, logits)
-        return ids[:found], logits[:found]
+        ids, outline, belief = np.empty(most, np.int64), np.empty(most, np.bool_), np.empty(most)
+        normals, offsets = edges.planes
+        found = _first_free(
+            self.weight3, self.bias3, self.rows, self.hidden(inputs), normals, offsets, edges.convex, edges.crease,
+            plain(eye_obj), ids, outline, belief,
+        )  # fmt: skip
+        return VisibleSamples(ids[:found], outline[:found], belief[:found])
 
 
 @kernel(
@@ -90,24 +94,34 @@ def _hidden(
 
 
 @kernel(
-    "i8(f4[:, ::1], f4[::1], i4[::1], f4[::1], b1[::1], i8[::1], f4[::1])",
+    "i8(f4[:, ::1], f4[::1], i4[::1], f4[::1], f8[:, :, ::1], f8[:, ::1], b1[::1], b1[::1], f8[::1], i8[::1], b1[::1],"
+    " f8[::1])",
     fastmath=frozenset({"reassoc", "contract", "nsz"}),
 )
 def _first_free(
-    weights: np.ndarray, bias: np.ndarray, rows: np.ndarray, hidden: np.ndarray, shows: np.ndarray, ids: np.ndarray,
-    logits: np.ndarray,
+    weights: np.ndarray, bias: np.ndarray, rows: np.ndarray, hidden: np.ndarray, normals: np.ndarray,
+    offsets: np.ndarray, convex: np.ndarray, crease: np.ndarray, eye: np.ndarray, ids: np.ndarray, outline: np.ndarray,
+    belief: np.ndarray,
 ) -> int:  # fmt: skip
-    """Fill ids and logits with as many of the free samples as they hold; returns how many there are."""
+    """Fill ids, outline and belief with as many of the free samples as they hold; returns how many there are.
+
+    normals, offsets, convex, crease: of all samples, as `edges.facing` takes them from an eye (3,) mm.
+    """
     count = 0
     for k in range(len(rows)):
         if count == len(ids):
             break
-        if shows[rows[k]]:
+        i = rows[k]
+        first = normals[0, i, 0] * eye[0] + normals[0, i, 1] * eye[1] + normals[0, i, 2] * eye[2] > offsets[0, i]
+        second = normals[1, i, 0] * eye[0] + normals[1, i, 1] * eye[1] + normals[1, i, 2] * eye[2] > offsets[1, i]
+        is_outline = (first != second) and convex[i]
+        if is_outline or (first and second and crease[i]):
             logit = bias[k]
             for j in range(len(hidden)):
                 logit += weights[k, j] * hidden[j]
             if logit > 0.0:
-                ids[count], logits[count] = rows[k], logit
+                ids[count], outline[count] = i, is_outline
+                belief[count] = 1.0 / (1.0 + np.exp(-np.float64(logit)))
                 count += 1
     return count
 
@@ -169,11 +183,9 @@ class VisibilityNetwork:
         network = None if is_near else self.networks.get(region)
         if network is None and self.fallback is not None:
             return self.fallback.visible(cam_T_obj, region, count)
-        seen = facing(self.edges, eye_obj)
         if network is None:
+            seen = facing(self.edges, eye_obj)
             rows = np.flatnonzero(seen.shows)[:count]
             return VisibleSamples(rows, seen.outline[rows], np.ones(len(rows)))
         inputs = network_inputs(self._part, eye_obj, region, self._points[region])
-        ids, logits = network.free(inputs, seen.shows, count)
-        belief = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
-        return VisibleSamples(ids, seen.outline[ids], belief)
+        return network.free(inputs, self.edges, eye_obj, count)

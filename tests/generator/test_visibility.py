@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acp_lab.cad.edges import EdgeSamples, facing
+from acp_lab.cad.edges import EdgeSamples, facing, sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS, sphere_directions
@@ -28,6 +28,10 @@ def random_network(rows: np.ndarray, hidden: int = 16, seed: int = 0) -> RegionN
     return RegionNetwork(*(rng.standard_normal(shape).astype(np.float32) for shape in shapes), rows.astype(np.int32))
 
 
+def sigmoid(logits: np.ndarray) -> np.ndarray:
+    return 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
+
+
 def constant_network(rows: np.ndarray, logit: np.ndarray) -> RegionNetwork:
     """Answers `logit` whatever the view."""
     zero = np.zeros((4, 8), np.float32), np.zeros(4, np.float32), np.zeros((4, 4), np.float32), np.zeros(4, np.float32)
@@ -35,34 +39,37 @@ def constant_network(rows: np.ndarray, logit: np.ndarray) -> RegionNetwork:
 
 
 def test_logits_are_those_of_the_three_layers_for_samples_that_show() -> None:
-    rows = np.array([1, 4, 5, 9])
+    edges, eye_obj = sample_edges(PART), PART.box_centre + np.array([300.0, 200.0, 400.0])
+    shows = facing(edges, eye_obj).shows
+    showing, hidden = np.flatnonzero(shows), np.flatnonzero(~shows)
+    rows = np.array([showing[0], hidden[0], showing[1], hidden[1]])
     network = random_network(rows)
     inputs = np.linspace(-1.0, 1.0, 8).astype(np.float32)
-    shows = np.zeros(12, bool)
-    shows[[0, 4, 9, 11]] = True
     first = [max(0.0, float(w @ inputs + b)) for w, b in zip(network.weight1, network.bias1, strict=True)]
     second = [max(0.0, float(w @ first + b)) for w, b in zip(network.weight2, network.bias2, strict=True)]
-    expected = [float(network.weight3[k] @ second + network.bias3[k]) for k in (1, 3)]
+    expected = [float(network.weight3[k] @ second + network.bias3[k]) for k in (0, 2)]
     # Only those called free come back; a bias makes it all of them.
-    lifted = replace(network, bias3=network.bias3 + 100.0)
-    ids, logits = lifted.free(inputs, shows, 10)
-    np.testing.assert_array_equal(ids, [4, 9])
-    np.testing.assert_allclose(logits - 100.0, expected, rtol=1e-4, atol=1e-4)
-    ids, none = network.free(inputs, np.zeros(12, bool), 10)
-    assert len(none) == len(ids) == 0
+    lift = 1.0 - min(expected)
+    found = replace(network, bias3=network.bias3 + np.float32(lift)).free(inputs, edges, eye_obj, 10)
+    np.testing.assert_array_equal(found.ids, showing[:2])
+    np.testing.assert_array_equal(found.outline, facing(edges, eye_obj).outline[showing[:2]])
+    np.testing.assert_allclose(found.weights, sigmoid(np.array(expected) + lift), rtol=1e-4)
+    none = random_network(hidden).free(inputs, edges, eye_obj, 10)
+    assert len(none.ids) == len(none.outline) == len(none.weights) == 0
 
 
 def test_the_first_free_samples_are_those_of_all_logits() -> None:
-    rows = np.arange(400)
+    edges, eye_obj = sample_edges(PART), PART.box_centre + np.array([300.0, 200.0, 400.0])
+    rows, shows = np.arange(len(edges)), facing(edges, eye_obj).shows
     network = random_network(rows)
-    network = replace(network, bias3=np.random.default_rng(1).normal(0.0, 5.0, 400).astype(np.float32))
-    inputs, shows = np.linspace(-1.0, 1.0, 8).astype(np.float32), np.random.default_rng(2).random(400) < 0.7
+    network = replace(network, bias3=np.random.default_rng(1).normal(0.0, 5.0, len(rows)).astype(np.float32))
+    inputs = np.linspace(-1.0, 1.0, 8).astype(np.float32)
     every = network.weight3 @ network.hidden(inputs) + network.bias3
     free = np.flatnonzero(shows & (every > 0.0))
     for count in (0, 1, 7, 60, len(free), 1000):
-        ids, logits = network.free(inputs, shows, count)
-        np.testing.assert_array_equal(ids, free[:count])
-        np.testing.assert_allclose(logits, every[free[:count]], rtol=1e-4, atol=1e-4)
+        found = network.free(inputs, edges, eye_obj, count)
+        np.testing.assert_array_equal(found.ids, free[:count])
+        np.testing.assert_allclose(found.weights, sigmoid(every[free[:count]]), rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("region", ALL_REGIONS, ids=lambda region: region.name)
