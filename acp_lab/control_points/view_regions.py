@@ -84,10 +84,13 @@ def choose_region(
     Without hysteresis a part that hovers at a border would swap its control points in every frame.
     `among`: the regions to choose from, one or more.
     """
-    scores = np.full(REGION_COUNT, -np.inf)
-    scores[list(among)] = region_scores(direction_obj, half_size)[list(among)]
-    best = int(np.argmax(scores))
-    if current is not None and scores[best] < hysteresis * scores[current]:
+    # As `region_scores`, number by number: this is asked for several times in every frame.
+    sizes = np.asarray(half_size).tolist()
+    least = MIN_SIDE_RATIO * max(sizes)
+    leaning = [way / max(size, least) for way, size in zip(np.asarray(direction_obj).tolist(), sizes, strict=True)]
+    scores = {region: -leaning[region // 2] if region % 2 else leaning[region // 2] for region in sorted(among)}
+    best = max(scores, key=lambda region: scores[region])
+    if current in scores and scores[best] < hysteresis * scores[current]:
         return current
     return best
 

@@ -11,6 +11,7 @@ in NumPy: importing torch would cost seconds at the start of tracking.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ import numpy as np
 from acp_lab.cad.edges import EdgeSamples, facing
 from acp_lab.cad.part import Part
 from acp_lab.compiled import kernel
-from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, canonical_frame, eye_position
+from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, FILL, canonical_frame, eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.generator.base import RigidGenerator, VisibleSamples
@@ -139,9 +140,45 @@ def network_inputs(part: Part, eye_obj: np.ndarray, region: int, points_obj: np.
     """
     if points_obj is None:
         points_obj = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[region].axis)
-    frame = canonical_frame(eye_obj, part.box_centre, part.radius, ALL_REGIONS[region])
-    middle = 0.5 * (CANONICAL_SIZE - 1)
-    return ((frame.project(points_obj) - middle) / middle).astype(np.float32).ravel()
+    found = np.empty(8, np.float32)
+    if not _inputs(
+        plain(eye_obj), plain(part.box_centre), part.radius, _UP_OBJ[region], plain(points_obj), FILL * CANONICAL_SIZE,
+        0.5 * (CANONICAL_SIZE - 1), found,
+    ):  # fmt: skip
+        canonical_frame(eye_obj, part.box_centre, part.radius, ALL_REGIONS[region])  # says what is wrong
+    return found
+
+
+_UP_OBJ = tuple(region.up_obj for region in ALL_REGIONS)
+
+
+@kernel("b1(f8[::1], f8[::1], f8, f8[::1], f8[:, ::1], f8, f8, f4[::1])")
+def _inputs(
+    eye: np.ndarray, centre: np.ndarray, radius: float, up: np.ndarray, points_obj: np.ndarray, filled_px: float,
+    middle: float, found: np.ndarray,
+) -> bool:  # fmt: skip
+    """Fill found (8,) with points (4, 3) in the frame of `canonical_frame`; whether the eye is outside the sphere.
+
+    filled_px: radius of the sphere's image; middle: half the image's side.
+    """
+    x, y, z = centre[0] - eye[0], centre[1] - eye[1], centre[2] - eye[2]
+    distance = np.sqrt(x * x + y * y + z * z)
+    if not distance > radius:
+        return False
+    x, y, z = x / distance, y / distance, z / distance
+    right = np.array([y * up[2] - z * up[1], z * up[0] - x * up[2], x * up[1] - y * up[0]])
+    right /= np.sqrt(right[0] * right[0] + right[1] * right[1] + right[2] * right[2])
+    down = np.array([y * right[2] - z * right[1], z * right[0] - x * right[2], x * right[1] - y * right[0]])
+    focal = filled_px * np.sqrt(distance * distance - radius * radius) / radius
+    for k in range(len(points_obj)):
+        across, along, depth = 0.0, 0.0, 0.0
+        for j, axis in enumerate((x, y, z)):
+            way = points_obj[k, j] - eye[j]
+            across += right[j] * way
+            along += down[j] * way
+            depth += axis * way
+        found[2 * k], found[2 * k + 1] = focal * across / depth / middle, focal * along / depth / middle
+    return True
 
 
 class VisibilityNetwork:
@@ -179,7 +216,7 @@ class VisibilityNetwork:
         """At most `count` samples that show at a pose (4, 4), with the network's belief as weight."""
         eye_obj = eye_position(cam_T_obj)
         # Inside the bounding sphere of a long part there is no canonical frame, but still much to see.
-        is_near = np.linalg.norm(eye_obj - self._part.box_centre) <= self._part.radius
+        is_near = math.dist(eye_obj, self._part.box_centre) <= self._part.radius
         network = None if is_near else self.networks.get(region)
         if network is None and self.fallback is not None:
             return self.fallback.visible(cam_T_obj, region, count)

@@ -6,8 +6,6 @@ solver takes a few steps down e on the motion that the method's variables make o
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from acp_lab.cad.part import box_corners
@@ -95,12 +93,12 @@ class FrameSolver:
         box = crop_box(self._corners_obj, prior, camera, margin_px)
         if box is None:
             return None
-        view = replace(self.view(image, camera, prior, region, box), prior_information=information)
+        edge_box = box
         if levels is not None:
             # The less of the image is filtered the better; colours beside the part are read as they are.
             inset = int(margin_px) - max(level.reach_px for level in levels) - _ROOM_PX
-            view = replace(view, edge_box=_inset(box, max(inset, 0)))
-        return self._seen(view)
+            edge_box = _inset(box, max(inset, 0))
+        return self._seen(self.view(image, camera, prior, region, box, edge_box, information))
 
     def afresh(self, seen: SeenFrame) -> SeenFrame:
         """The same frame, for a search: what targets keep of poses that they are asked for stays out of the other."""
@@ -109,8 +107,17 @@ class FrameSolver:
     def _seen(self, view: FrameView) -> SeenFrame:
         return SeenFrame(view, tuple(memory.see(view, self.knowledge) for memory in self._memories))
 
-    def view(self, image: ByteImage, camera: Camera, prior: FloatArray, region: int, box: Box) -> FrameView:
-        """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1)."""
+    def view(
+        self,
+        image: ByteImage,
+        camera: Camera,
+        prior: FloatArray,
+        region: int,
+        box: Box,
+        edge_box: Box | None = None,
+        information: FloatArray | None = None,
+    ) -> FrameView:
+        """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1), or less of it for edges."""
         return FrameView(
             camera,
             prior,
@@ -118,9 +125,10 @@ class FrameSolver:
             self.control_points_obj[region],
             self.part,
             self.source.canonical_size,
+            information,
             image=image,
             box=box,
-            edge_box=box,
+            edge_box=edge_box or box,
         )
 
     def at_pose(self, seen: SeenFrame, cam_T_obj: FloatArray) -> Estimate:
@@ -169,7 +177,7 @@ class FrameSolver:
 
     def _choose(self, cam_T_obj: FloatArray, current: int | None, among: tuple[int, ...] | range) -> int:
         eye = eye_position(cam_T_obj) - self.part.box_centre
-        return choose_region(eye, self._half_size, current, among=tuple(among))
+        return choose_region(eye, self._half_size, current, among=among)
 
     def _generate(self, at: Estimate, samples: int, clock: Stopwatch) -> GeneratedEdges | None:
         clock.lap()

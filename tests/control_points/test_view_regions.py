@@ -80,6 +80,15 @@ def test_the_current_region_is_kept_until_another_leads_clearly(direction: Float
     assert (chosen == current) == (best == current or scores[best] < HYSTERESIS * scores[current])
 
 
+@given(direction=directions(), current=st.none() | st.integers(0, 5), among=st.sets(st.integers(0, 5), min_size=1))
+def test_the_choice_is_that_of_the_scores(direction: FloatArray, current: int | None, among: set[int]) -> None:
+    scores = np.full(6, -np.inf)
+    scores[list(among)] = region_scores(direction, HALF)[list(among)]
+    best = int(np.argmax(scores))
+    kept = current is not None and scores[best] < HYSTERESIS * scores[current]
+    assert choose_region(direction, HALF, current, among=tuple(among)) == (current if kept else best)
+
+
 def test_a_view_that_hovers_at_a_border_does_not_swap_regions() -> None:
     half = np.ones(3)
     border = [np.array([1.0, 0.1, 1.0 + offset]) for offset in (0.05, -0.05, 0.05, -0.05)]

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from acp_lab.cad.edges import EdgeSamples, facing, sample_edges
 from acp_lab.cad.part import Part
-from acp_lab.control_points.canonical_frame import eye_position
-from acp_lab.control_points.view_regions import ALL_REGIONS, sphere_directions
+from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, canonical_frame, eye_position
+from acp_lab.control_points.view_regions import ALL_REGIONS, ViewRegion, sphere_directions
 from acp_lab.errors import GeometryError
 from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork, network_inputs
@@ -80,6 +80,16 @@ def test_inputs_stay_near_the_unit_square(region, distance_in_diameters: float, 
     assert inputs.shape == (8,)
     assert inputs.dtype == np.float32
     assert np.abs(inputs).max() < 1.3
+
+
+@pytest.mark.parametrize("region", ALL_REGIONS, ids=lambda region: region.name)
+def test_inputs_are_the_control_points_in_the_canonical_frame(region: ViewRegion, rng: np.random.Generator) -> None:
+    points_obj = PART.box_centre + rng.normal(0.0, 0.2 * PART.radius, (4, 3))
+    eye_obj = PART.box_centre + rng.normal(0.0, 1.0, 3) + 3.0 * PART.radius * region.sign * np.eye(3)[region.axis]
+    frame = canonical_frame(eye_obj, PART.box_centre, PART.radius, region)
+    middle = 0.5 * (CANONICAL_SIZE - 1)
+    expected = (frame.project(points_obj) - middle).ravel() / middle
+    np.testing.assert_allclose(network_inputs(PART, eye_obj, region.index, points_obj), expected, rtol=1e-6, atol=1e-7)
 
 
 def test_inputs_refuse_an_eye_inside_the_part() -> None:
