@@ -251,7 +251,10 @@ def _scatter_after_fit(residuals_px: FloatArray, jacobian: FloatArray) -> float:
             scale[j] += jacobian[i, j] * jacobian[i, j]
     for j in range(6):
         scale[j] = max(np.sqrt(scale[j] / count), 1e-9)
-    rest = residuals_px.copy()
+    rows, rest = np.empty((count, 6)), residuals_px.copy()
+    for i in range(count):
+        for j in range(6):
+            rows[i, j] = jacobian[i, j] / scale[j]
     matrix, vector = np.empty((6, 6)), np.empty(6)
     for _ in range(3):
         matrix[:] = 0.0
@@ -261,19 +264,21 @@ def _scatter_after_fit(residuals_px: FloatArray, jacobian: FloatArray) -> float:
             weight = 1.0 / (1.0 + (rest[i] / 0.5) ** 2) ** 2
             total += weight
             for j in range(6):
-                weighted = weight * jacobian[i, j] / scale[j]
+                weighted = weight * rows[i, j]
                 vector[j] += weighted * rest[i]
-                for k in range(6):
-                    matrix[j, k] += weighted * jacobian[i, k] / scale[k]
+                for k in range(j + 1):
+                    matrix[j, k] += weighted * rows[i, k]
         for j in range(6):
             matrix[j, j] += 1e-3 * total
+            for k in range(j):
+                matrix[k, j] = matrix[j, k]
         if not eliminate(matrix, vector):
             break
         step += vector
         for i in range(count):
             rest[i] = residuals_px[i]
             for j in range(6):
-                rest[i] -= jacobian[i, j] / scale[j] * step[j]
+                rest[i] -= rows[i, j] * step[j]
     return float(np.median(np.abs(rest)))
 
 
