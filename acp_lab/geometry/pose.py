@@ -247,15 +247,15 @@ def _rodrigues(x: float, y: float, z: float, a: float, b: float) -> tuple[float,
 
 def _quaternion(r: FloatArray) -> tuple[float, float, float, float]:
     """Quaternion (w, x, y, z), w >= 0, through its largest component (Shepperd), good at every angle."""
-    a, b, c = float(r[0, 0]), float(r[1, 1]), float(r[2, 2])
+    (a, xy, xz), (yx, b, yz), (zx, zy, c) = r.tolist()
     trace = a + b + c
     if trace >= max(a, b, c):
-        q = (1.0 + trace, float(r[2, 1] - r[1, 2]), float(r[0, 2] - r[2, 0]), float(r[1, 0] - r[0, 1]))
+        q = (1.0 + trace, zy - yz, xz - zx, yx - xy)
     elif a >= b and a >= c:
-        q = (float(r[2, 1] - r[1, 2]), 1.0 + a - b - c, float(r[1, 0] + r[0, 1]), float(r[0, 2] + r[2, 0]))
+        q = (zy - yz, 1.0 + a - b - c, yx + xy, xz + zx)
     elif b >= c:
-        q = (float(r[0, 2] - r[2, 0]), float(r[1, 0] + r[0, 1]), 1.0 - a + b - c, float(r[2, 1] + r[1, 2]))
+        q = (xz - zx, yx + xy, 1.0 - a + b - c, zy + yz)
     else:
-        q = (float(r[1, 0] - r[0, 1]), float(r[0, 2] + r[2, 0]), float(r[2, 1] + r[1, 2]), 1.0 - a - b + c)
+        q = (yx - xy, xz + zx, zy + yz, 1.0 - a - b + c)
     length = math.copysign(math.sqrt(sum(p * p for p in q)), q[0])
     return q[0] / length, q[1] / length, q[2] / length, q[3] / length

@@ -13,8 +13,6 @@ from acp_lab.geometry.arrays import FloatArray, plain
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import so3_exp, so3_log, transform
 
-_X_AND_Y = np.tile(np.eye(2), (4, 1))
-
 
 def centre_position(cam_T_obj: FloatArray, centre_obj: FloatArray) -> FloatArray:
     """(3,) mm: where the object point `centre_obj` (3,) is in the camera frame."""
@@ -88,7 +86,23 @@ def control_point_jacobian(points_cam: FloatArray, centre_cam: FloatArray, camer
     Args:
         points_cam: (4, 3) W in the camera frame, mm.
     """
-    # Each point twice, once along x and once along y.
-    points_twice = np.repeat(points_cam, 2, axis=0)
-    along = image_directions(points_twice, _X_AND_Y, camera)
-    return step_jacobian(points_twice, along, centre_cam)
+    jacobian = np.empty((2 * len(points_cam), 6))
+    _control_point_jacobian(plain(points_cam), plain(centre_cam), camera.fx, camera.fy, jacobian)
+    return jacobian
+
+
+@kernel("void(f8[:, ::1], f8[::1], f8, f8, f8[:, ::1])")
+def _control_point_jacobian(
+    points_cam: FloatArray, centre_cam: FloatArray, fx: float, fy: float, jacobian: FloatArray
+) -> None:  # fmt: skip
+    for i in range(len(points_cam)):
+        x, y, z = points_cam[i, 0], points_cam[i, 1], points_cam[i, 2]
+        across, down, back = x - centre_cam[0], y - centre_cam[1], z - centre_cam[2]
+        for row in range(2):
+            # The motion along x or y by a shift, then by a turn about the centre.
+            a, b = (fx / z, 0.0) if row == 0 else (0.0, fy / z)
+            c = -(a * x + b * y) / z
+            jacobian[2 * i + row, 0] = down * c - back * b
+            jacobian[2 * i + row, 1] = back * a - across * c
+            jacobian[2 * i + row, 2] = across * b - down * a
+            jacobian[2 * i + row, 3], jacobian[2 * i + row, 4], jacobian[2 * i + row, 5] = a, b, c

@@ -6,6 +6,7 @@ the frame likes best.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -177,9 +178,9 @@ def shifted(cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera, shift
 
 def is_plausible(cam_T_obj: FloatArray, last: FloatArray, part: Part) -> bool:
     """Whether a pose (4, 4) can follow the last one at all; a diverged solution never can."""
-    moved_mm = np.linalg.norm(transform(cam_T_obj, part.box_centre) - transform(last, part.box_centre))
+    moved_mm = math.dist(transform(cam_T_obj, part.box_centre), transform(last, part.box_centre))
     turned_deg = rotation_angle_deg(cam_T_obj[:3, :3], last[:3, :3])
-    return bool(turned_deg < _LARGEST_TURN_DEG and moved_mm < 2.0 * part.radius)
+    return turned_deg < _LARGEST_TURN_DEG and moved_mm < 2.0 * part.radius
 
 
 def better(first: Solution | None, second: Solution | None) -> Solution | None:

@@ -16,6 +16,7 @@ import numpy as np
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose_kernels import invert
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,11 @@ class PoseUncertainty:
         """
         towards = np.concatenate([np.zeros(3), centre_cam / radius_mm])
         # A direction that the image says nothing of is as uncertain as can be, not infinitely so.
-        known = information.copy()
+        known = np.array(information, np.float64)
         known.flat[::7] += 1e-9 * known.diagonal() + 1e-9
-        covariance = self.image * np.linalg.inv(known)
+        covariance = np.empty((6, 6))
+        invert(known, covariance)
+        covariance *= self.image
         covariance += self.outline_mm**2 * towards[:, None] * towards
         mm_per_px = centre_cam[2] / camera.fx
         turn, shift = (self.turn_px * mm_per_px / radius_mm) ** 2, (self.shift_px * mm_per_px) ** 2
