@@ -62,7 +62,10 @@ class GeneratedEdges:
     @cached_property
     def normals(self) -> np.ndarray:
         """(n, 2) unit, the tangents turned from x towards y."""
-        return np.stack([-self.tangents[:, 1], self.tangents[:, 0]], 1)
+        normals = np.empty_like(self.tangents)
+        np.negative(self.tangents[:, 1], out=normals[:, 0])
+        normals[:, 1] = self.tangents[:, 0]
+        return normals
 
     def image(self, width: int, height: int, half_length_px: float = 1.0) -> np.ndarray:
         """The edge image E of eq. 5: (height, width) uint8, 0 or 255, short strokes along the tangents."""

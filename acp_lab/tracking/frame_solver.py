@@ -217,8 +217,9 @@ class FrameSolver:
             if self.records_steps:
                 steps += [_step(i, left_out + number, self._reported_loss(measures, motion.edges(i))) for i in iterates]
             if number == len(all_levels) - 1:
-                moved = motion.edges(at)
                 drawn = self.source.reproject(at, edges)
+                # Levels in arrays are of points that lie where their 3D points project to, and so are the new ones.
+                moved = motion.edges(at) if arrays is None else drawn
                 judgements = tuple(measure.judge(moved, drawn, at) for measure in measures)
                 loss = sum(judgement.loss for judgement in judgements)
                 information = None
