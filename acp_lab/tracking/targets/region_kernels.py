@@ -7,6 +7,10 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 
+CLEAR = 0.15
+"""Weight of a posterior from which on it tells where the boundary is."""
+_WORST = 9.0
+
 
 @kernel(
     "i8(b1[::1], i8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], i8[::1], i8[::1],"
@@ -122,3 +126,37 @@ def weigh_lines(
                 weight *= smooth_share
         residuals[row] = px * (outward[n, 0] * normals[row, 0] + outward[n, 1] * normals[row, 1])
         weights[row] = weight
+
+
+@kernel("f8(f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])")
+def mean_square_rest(
+    residuals: FloatArray, weights: FloatArray, start: FloatArray, points: FloatArray, directions: FloatArray
+) -> float:
+    """Half the weighted squared residual, px^2, the mean over n edge points that moved from start; both (n, 2).
+
+    residuals: (n,) px along directions (n, 2), at the start.
+    """
+    total = 0.0
+    for n in range(len(residuals)):
+        if weights[n] != 0.0:
+            moved = (points[n, 0] - start[n, 0]) * directions[n, 0] + (points[n, 1] - start[n, 1]) * directions[n, 1]
+            total += weights[n] * (residuals[n] - moved) ** 2
+    return 0.5 * total / max(len(residuals), 1)
+
+
+@kernel("void(i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], f8, f8[::1])")
+def follow_scatter(
+    ids: IntArray, found_px: FloatArray, weights: FloatArray, px_per_mm: FloatArray, offsets_mm: FloatArray,
+    known: BoolArray, rate: float, mean_square: FloatArray,
+) -> None:  # fmt: skip
+    """Move mean_square (px^2) of the samples `ids` on by how far beside the expected place n lines found the boundary.
+
+    found_px, weights: (n,) of the posteriors; px_per_mm: (n,); offsets_mm, known, mean_square: of all samples; rate:
+    of known ones.
+    """
+    for n in range(len(ids)):
+        i, square = ids[n], _WORST
+        if weights[n] > CLEAR:
+            rest = found_px[n] - offsets_mm[i] * px_per_mm[n]
+            square = min(rest * rest, _WORST)
+        mean_square[i] += (rate if known[i] else 0.5) * (square - mean_square[i])

@@ -31,7 +31,16 @@ from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets import check_precision
 from acp_lab.tracking.targets.correspondence_lines import ColourCrop, CorrespondenceLines
-from acp_lab.tracking.targets.region_kernels import free_lengths, keep_free, line_rays, outline_lines, weigh_lines
+from acp_lab.tracking.targets.region_kernels import (
+    CLEAR,
+    follow_scatter,
+    free_lengths,
+    keep_free,
+    line_rays,
+    mean_square_rest,
+    outline_lines,
+    weigh_lines,
+)
 
 _RAY_STEP_PX = 3.0
 # Fewer lines say nothing.
@@ -179,19 +188,18 @@ class RegionMemory:
     def _calibrate(self, lines: CorrespondenceLines, trusted: bool) -> None:
         ids = lines.ids
         found_px, weights = lines.posterior(1, self.config.fade_px)
-        clear = weights > 0.15
         if trusted:
-            near = clear & (np.abs(found_px) < 3.0)
+            near = (weights > CLEAR) & (np.abs(found_px) < 3.0)
             offsets = np.clip(0.8 * found_px / lines.px_per_mm, -0.6, 0.6)
             # What was not seen lies, for all that is known, half as far as the others.
             self.offsets_mm[:] = 0.5 * np.median(offsets[near]) if near.sum() > 10 else 0.0
             self.offsets_mm[ids[near]] = offsets[near]
             self.mean_square[ids] = np.where(near, 0.5, 9.0)
         else:
-            rest = found_px - self.offsets_mm[ids] * lines.px_per_mm
-            square = np.where(clear, np.minimum(rest * rest, 9.0), 9.0)
-            rate = np.where(self.known[ids], self.config.calibration_rate, 0.5)
-            self.mean_square[ids] += rate * (square - self.mean_square[ids])
+            follow_scatter(
+                ids, found_px, weights, lines.px_per_mm, self.offsets_mm, self.known, self.config.calibration_rate,
+                self.mean_square,
+            )  # fmt: skip
         smooth = ids[~self.edges.crease[ids]]
         known_share = float(self.known[smooth].mean()) if len(smooth) else 1.0
         self.known[ids] = True
@@ -300,7 +308,9 @@ class RegionMeasure:
 
     def reported_loss(self, edges: GeneratedEdges) -> float:
         """See `RegionMeasurement.loss`."""
-        return self(edges).loss
+        return mean_square_rest(
+            self.residuals, self.weights, plain(self._start), plain(edges.points), plain(self.directions)
+        )
 
     def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> RegionJudgement:
         """What the colours say of a later estimate."""

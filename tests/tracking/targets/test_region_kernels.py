@@ -9,7 +9,15 @@ from acp_lab.generator.base import VisibleSamples, project_samples
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
-from acp_lab.tracking.targets.region_kernels import free_lengths, keep_free, line_rays, outline_lines, weigh_lines
+from acp_lab.tracking.targets.region_kernels import (
+    follow_scatter,
+    free_lengths,
+    keep_free,
+    line_rays,
+    mean_square_rest,
+    outline_lines,
+    weigh_lines,
+)
 from tests.made_parts import bracket, looking_at
 
 CAMERA = Camera(640, 512, 900.0, 880.0, 319.5, 255.5)
@@ -97,3 +105,25 @@ def test_fine_levels_ask_what_is_known_of_a_line(rng: np.random.Generator) -> No
         np.testing.assert_allclose(weights[rows], weight, rtol=1e-12)
         assert not np.delete(residuals, rows).any()
         assert not np.delete(weights, rows).any()
+
+
+def test_the_rest_is_that_of_the_points_where_they_are_now(rng: np.random.Generator) -> None:
+    residuals, weights = rng.normal(size=40), np.where(rng.random(40) < 0.5, rng.random(40), 0.0)
+    start, points, directions = rng.normal(size=(3, 40, 2))
+    rest = residuals - ((points - start) * directions).sum(1)
+    expected = 0.5 * (weights * rest**2).mean()
+    np.testing.assert_allclose(mean_square_rest(residuals, weights, start, points, directions), expected, rtol=1e-12)
+    nothing = np.zeros((0, 2))
+    assert mean_square_rest(np.zeros(0), np.zeros(0), nothing, nothing, nothing) == 0.0
+
+
+def test_the_scatter_of_lines_is_followed(rng: np.random.Generator) -> None:
+    ids, known = rng.permutation(60)[:40], rng.random(60) < 0.5
+    found_px, weights, px_per_mm = rng.normal(0.0, 2.0, 40), rng.random(40), rng.uniform(1.0, 4.0, 40)
+    offsets_mm, mean_square = rng.normal(0.0, 0.2, 60), rng.uniform(0.0, 4.0, 60)
+    expected = mean_square.copy()
+    rest = found_px - offsets_mm[ids] * px_per_mm
+    square = np.where(weights > 0.15, np.minimum(rest**2, 9.0), 9.0)
+    expected[ids] += np.where(known[ids], 0.2, 0.5) * (square - expected[ids])
+    follow_scatter(ids, found_px, weights, px_per_mm, offsets_mm, known, 0.2, mean_square)
+    np.testing.assert_allclose(mean_square, expected, rtol=1e-12)
