@@ -6,13 +6,14 @@ running means over the frames, log-odds of a pixel being the part's.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import ByteImage, Float32Array, IntArray, Uint16Array, writable
+from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, IntArray, Uint16Array, writable
 
 _BINS = 32
 # Shares that say nothing any more; left to fade they would become numbers that processors are slow with.
@@ -57,6 +58,8 @@ class RegionColours:
         self.config = config
         self._foreground: Float32Array | None = None
         self._background: Float32Array | None = None
+        # Bins of all colours seen so far, the first `_count`; the others need not be gone through.
+        self._is_seen, self._seen, self._count = np.zeros(_BINS**3, np.bool_), np.empty(_BINS**3, np.int64), 0
         self.log_odds: Float32Array = np.zeros(_BINS**3, np.float32)
 
     @property
@@ -77,11 +80,14 @@ class RegionColours:
         if self._foreground is None or self._background is None:
             self._foreground, self._background = np.zeros((2, _BINS**3), np.float32)
             rate = 1.0
-        for histogram, bins in ((self._foreground, inside), (self._background, outside)):
-            _take_in(histogram, np.ascontiguousarray(bins, np.uint16), rate)
-        sure = self.config.certainty
-        self.log_odds = np.zeros(_BINS**3, np.float32)
-        _odds(self._foreground, self._background, self.config.least_share, np.log(sure / (1.0 - sure)), self.log_odds)
+        sides = [np.ascontiguousarray(bins, np.uint16) for bins in (inside, outside)]
+        for bins in sides:
+            self._count = _note(bins, self._is_seen, self._seen, self._count)
+        seen = self._seen[: self._count]
+        for histogram, bins in zip((self._foreground, self._background), sides, strict=True):
+            _take_in(histogram, seen, bins, rate)
+        sure = math.log(self.config.certainty / (1.0 - self.config.certainty))
+        _odds(self._foreground, self._background, seen, self.config.least_share, sure, self.log_odds)
 
 
 @kernel("i8(u1, u1, u1)")
@@ -101,11 +107,21 @@ def _bins(image: ByteImage) -> Uint16Array:
     return found
 
 
-@kernel("void(f4[::1], u2[::1], f8)")
-def _take_in(histogram: Float32Array, bins: Uint16Array, rate: float) -> None:
-    """Move a histogram's shares towards those of the pixels `bins` (n,)."""
+@kernel("i8(u2[::1], b1[::1], i8[::1], i8)")
+def _note(bins: Uint16Array, is_seen: BoolArray, seen: IntArray, count: int) -> int:
+    """Add those of the bins (n,) to the first `count` of `seen` that are not among them; returns how many it are."""
+    for pixel in bins:
+        if not is_seen[pixel]:
+            is_seen[pixel], seen[count] = True, pixel
+            count += 1
+    return count
+
+
+@kernel("void(f4[::1], i8[::1], u2[::1], f8)")
+def _take_in(histogram: Float32Array, seen: IntArray, bins: Uint16Array, rate: float) -> None:
+    """Move a histogram's shares, all of them in the bins `seen`, towards those of the pixels `bins` (n,)."""
     keep, added = np.float32(1.0 - rate), np.float32(rate / len(bins))
-    for k in range(len(histogram)):
+    for k in seen:
         histogram[k] *= keep
         if histogram[k] < _FORGOTTEN:
             histogram[k] = 0.0
@@ -113,11 +129,14 @@ def _take_in(histogram: Float32Array, bins: Uint16Array, rate: float) -> None:
         histogram[pixel] += added
 
 
-@kernel("void(f4[::1], f4[::1], f8, f8, f4[::1])")
-def _odds(foreground: Float32Array, background: Float32Array, least: float, most: float, found: Float32Array) -> None:
-    """Fill found, zeros before, with the log-odds of f / (f + b), which are those of f / b."""
+@kernel("void(f4[::1], f4[::1], i8[::1], f8, f8, f4[::1])")
+def _odds(
+    foreground: Float32Array, background: Float32Array, seen: IntArray, least: float, most: float, found: Float32Array
+) -> None:
+    """Fill found, in the bins `seen`, with the log-odds of f / (f + b), which are those of f / b."""
     highest = np.float32(np.exp(most))
-    for k in range(len(found)):
+    for k in seen:
+        found[k] = 0.0
         if foreground[k] != background[k]:
             inside, outside = foreground[k] + np.float32(least), background[k] + np.float32(least)
             # Most colours are one side's alone, and need no logarithm.

@@ -160,3 +160,17 @@ def follow_scatter(
             rest = found_px[n] - offsets_mm[i] * px_per_mm[n]
             square = min(rest * rest, _WORST)
         mean_square[i] += (rate if known[i] else 0.5) * (square - mean_square[i])
+
+
+@kernel("i8(i8[::1], b1[::1], f8, f8[::1])")
+def expect_of_unseen(unseen: IntArray, known: BoolArray, expected: float, mean_square: FloatArray) -> int:
+    """Write what is expected into mean_square of the samples `unseen` (n,), without those that are known by now.
+
+    Moves the others to the front, in their order, and returns how many there are.
+    """
+    count = 0
+    for i in unseen:
+        if not known[i]:
+            unseen[count], mean_square[i] = i, expected
+            count += 1
+    return count

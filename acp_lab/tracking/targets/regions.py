@@ -33,6 +33,7 @@ from acp_lab.tracking.targets import check_precision
 from acp_lab.tracking.targets.correspondence_lines import ColourCrop, CorrespondenceLines
 from acp_lab.tracking.targets.region_kernels import (
     CLEAR,
+    expect_of_unseen,
     follow_scatter,
     free_lengths,
     keep_free,
@@ -201,10 +202,10 @@ class RegionMemory:
                 self.mean_square,
             )  # fmt: skip
         smooth = ids[~self.edges.crease[ids]]
-        known_share = float(self.known[smooth].mean()) if len(smooth) else 1.0
+        known = int(np.count_nonzero(self.known[smooth]))
         self.known[ids] = True
         if len(smooth) >= _LEAST_LINES:
-            self._expect_of_new(smooth, known_share)
+            self._expect_of_new(smooth, known / len(smooth))
 
     def _expect_of_new(self, smooth: IntArray, known_share: float) -> None:
         """How steadily samples of smooth outlines that were no line yet will be found.
@@ -215,8 +216,8 @@ class RegionMemory:
         """
         unknown = self.config.unknown_px**2
         typical = min(float(np.sort(self.mean_square[smooth])[len(smooth) // 2]), unknown)
-        self._unseen = self._unseen[~self.known[self._unseen]]
-        self.mean_square[self._unseen] = typical ** (1.0 - known_share) * unknown**known_share
+        expected = typical ** (1.0 - known_share) * unknown**known_share
+        self._unseen = self._unseen[: expect_of_unseen(self._unseen, self.known, expected, self.mean_square)]
 
 
 class RegionTarget:

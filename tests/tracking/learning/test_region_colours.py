@@ -77,3 +77,16 @@ def test_one_side_alone_teaches_nothing() -> None:
 def test_settings_that_teach_nothing_are_refused(setting: str, value: float) -> None:
     with pytest.raises(TrackingError, match=f"colours.{setting} = "):
         ColourConfig(**{setting: value})
+
+
+def test_shares_and_odds_are_those_of_whole_histograms(rng: np.random.Generator) -> None:
+    colours, shares = RegionColours(ColourConfig(rate=0.3)), np.zeros((2, 32768))
+    for frame in range(12):
+        # Colours that come, and others that go until they are forgotten.
+        sides = [rng.integers(40 * frame, 40 * frame + 150 + 300 * side, 200 + side) for side in (0, 1)]
+        colours.learn(*sides)
+        for share, bins in zip(shares, sides, strict=True):
+            share *= 0.7 if frame else 0.0
+            share += (0.3 if frame else 1.0) * np.bincount(bins, minlength=32768) / len(bins)
+        odds = np.log((shares[0] + 2e-5) / (shares[1] + 2e-5))
+        np.testing.assert_allclose(colours.log_odds, odds.clip(-np.log(97 / 3), np.log(97 / 3)), atol=1e-4)

@@ -10,6 +10,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions
 from acp_lab.tracking.targets.region_kernels import (
+    expect_of_unseen,
     follow_scatter,
     free_lengths,
     keep_free,
@@ -127,3 +128,12 @@ def test_the_scatter_of_lines_is_followed(rng: np.random.Generator) -> None:
     expected[ids] += np.where(known[ids], 0.2, 0.5) * (square - expected[ids])
     follow_scatter(ids, found_px, weights, px_per_mm, offsets_mm, known, 0.2, mean_square)
     np.testing.assert_allclose(mean_square, expected, rtol=1e-12)
+
+
+def test_what_is_expected_goes_to_samples_never_seen(rng: np.random.Generator) -> None:
+    unseen, known, mean_square = np.sort(rng.permutation(60)[:40]), rng.random(60) < 0.3, rng.random(60)
+    left, expected = unseen[~known[unseen]], mean_square.copy()
+    expected[left] = 7.0
+    count = expect_of_unseen(unseen, known, 7.0, mean_square)
+    np.testing.assert_array_equal(unseen[:count], left)
+    np.testing.assert_array_equal(mean_square, expected)
