@@ -182,9 +182,13 @@ class ContourOffsets:
             jacobian: (n, 6) of the motion along the normals by a pose step. The creases are fitted by a step of
                 their own first: where outlines decide the pose, its error is no scatter of the creases.
         """
-        rows = np.flatnonzero(np.isfinite(residuals_px) & ~outline & (self._sample_count[ids, 0] > 0))
-        if len(rows) >= MIN_FOR_SCATTER:
-            seen = max(_scatter_after_fit(plain(residuals_px[rows]), plain(jacobian[rows])), 0.05)
+        rest, rows = np.empty(len(ids)), np.empty((len(ids), 6))
+        count = _inner_creases(
+            np.ascontiguousarray(ids), np.ascontiguousarray(outline), plain(residuals_px), plain(jacobian),
+            self._sample_count, rest, rows,
+        )  # fmt: skip
+        if count >= MIN_FOR_SCATTER:
+            seen = max(_scatter_after_fit(rest[:count], rows[:count]), 0.05)
             self._inner_scatter_px += self.config.scatter_rate * (seen - self._inner_scatter_px)
 
     def learn(self, ids: IntArray, outline: BoolArray, expected: ExpectedOffsets, residuals_px: FloatArray) -> None:
@@ -238,6 +242,23 @@ def _expect(
         found[0, n] = offset * sign * scale
         found[1, n] = square / (square + (spread * scale) ** 2)
         found[2, n], found[3, n] = offset, sign * scale
+
+
+@kernel("i8(i8[::1], b1[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1])")
+def _inner_creases(
+    ids: IntArray, outline: BoolArray, residuals_px: FloatArray, jacobian: FloatArray, sample_count: FloatArray,
+    rest: FloatArray, rows: FloatArray,
+) -> int:  # fmt: skip
+    """Fill rest (n,) and rows (n, 6) with residuals and Jacobian of inner creases that were measured; how many it are.
+
+    sample_count: (samples, 2), see `ContourOffsets`.
+    """
+    count = 0
+    for n in range(len(ids)):
+        if np.isfinite(residuals_px[n]) and not outline[n] and sample_count[ids[n], 0] > 0.0:
+            rest[count], rows[count] = residuals_px[n], jacobian[n]
+            count += 1
+    return count
 
 
 @kernel("f8(f8[::1], f8[:, ::1])")

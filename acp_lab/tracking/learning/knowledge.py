@@ -11,9 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray, plain
 from acp_lab.imaging.edge_search import Candidates
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
@@ -100,8 +101,10 @@ class Matches:
     @property
     def outward(self) -> FloatArray:
         """(n,) 1 where the normal of an outline leads off the part, -1 where onto it, 0 for other edges."""
-        across_obj = self.at.lines(self.points_obj, self.normals).directions @ self.at.cam_T_obj[:3, :3]
-        return np.asarray(np.sign(np.einsum("nj,nj->n", across_obj, self.off_obj)) * self.edges.outline, np.float64)
+        outward = np.empty(len(self.best))
+        directions = self.at.lines(self.points_obj, self.normals).directions
+        _outward(directions, plain(self.at.cam_T_obj), self.edges.outline, plain(self.off_obj), outward)
+        return outward
 
     @property
     def jacobian(self) -> FloatArray:
@@ -192,3 +195,18 @@ class SampleKnowledge:
             rate = self.polarity.config.rate
             sure_px = matches.sure_residuals_px
             self.polarity.measure(matches.gradients, matches.outward, sure_px, matches.jacobian, rate)
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f8[::1])")
+def _outward(
+    directions: FloatArray, pose: FloatArray, outline: BoolArray, off_obj: FloatArray, outward: FloatArray
+) -> None:
+    """Fill outward (n,), see `Matches.outward`: directions (n, 3) in camera axes, off_obj (n, 3) in the object's."""
+    for n in range(len(outline)):
+        outward[n] = 0.0
+        if outline[n]:
+            side = 0.0
+            for k in range(3):
+                for j in range(3):
+                    side += directions[n, j] * pose[j, k] * off_obj[n, k]
+            outward[n] = np.sign(side)

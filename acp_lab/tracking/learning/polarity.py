@@ -73,7 +73,7 @@ class EdgePolarity:
             rate: that share, for a shift that the frame shows beyond doubt.
         """
         config, before = self.config, self.shift_px
-        if np.isfinite(residuals_px).sum() < _LEAST_POINTS:
+        if np.count_nonzero(np.isfinite(residuals_px)) < _LEAST_POINTS:
             return 0.0
         doubt = config.alike * (config.scatter_px / config.spread_px) ** 2
         found = _fit_shift(

@@ -16,6 +16,7 @@ from acp_lab.tracking.learning.contour_offsets import (
     ContourOffsets,
     ExpectedOffsets,
     OffsetConfig,
+    _inner_creases,
     _scatter_after_fit,
 )
 from tests.made_parts import box, bracket, looking_at
@@ -265,3 +266,13 @@ def test_the_scatter_is_what_a_robust_fit_leaves(rng: np.random.Generator) -> No
     expected = float(np.median(np.abs(rest)))
     assert _scatter_after_fit(residuals, jacobian) == pytest.approx(expected, rel=1e-6)
     assert expected < 0.7 * float(np.median(np.abs(residuals))), "the step explains much of it"
+
+
+def test_only_inner_creases_that_were_measured_scatter(rng: np.random.Generator) -> None:
+    ids, outline, counts = rng.permutation(60)[:40], rng.random(40) < 0.5, rng.integers(0, 3, (60, 2)).astype(float)
+    residuals, jacobian = np.where(rng.random(40) < 0.3, np.nan, rng.normal(size=40)), rng.normal(size=(40, 6))
+    rest, rows = np.empty(40), np.empty((40, 6))
+    count = _inner_creases(ids, outline, residuals, jacobian, counts, rest, rows)
+    chosen = np.isfinite(residuals) & ~outline & (counts[ids, 0] > 0)
+    np.testing.assert_array_equal(rest[:count], residuals[chosen])
+    np.testing.assert_array_equal(rows[:count], jacobian[chosen])

@@ -172,7 +172,9 @@ def test_outlines_know_which_way_leads_off_the_part(
     broken: PreparedPart, edges: GeneratedEdges, at: Estimate, offsets: OffsetConfig | Off
 ) -> None:
     """Whether or not offsets are learnt."""
-    outward = matches(SampleKnowledge(SampleLearning(offsets=offsets), broken), edges, at).outward
+    found = matches(SampleKnowledge(SampleLearning(offsets=offsets), broken), edges, at)
+    outward, across_obj = found.outward, at.lines(found.points_obj, found.normals).directions @ at.cam_T_obj[:3, :3]
+    np.testing.assert_array_equal(outward, np.sign((across_obj * found.off_obj).sum(1)) * edges.outline)
     assert (outward[~edges.outline] == 0.0).all()
     centre_px = at.control_points.mean(axis=0)
     away = np.einsum("nj,nj->n", edges.points - centre_px, edges.normals)
