@@ -30,8 +30,10 @@ def column_distances(layers: BoolArray) -> ColumnDistances:
 
     Raises GeometryError for another shape.
     """
-    if layers.ndim != 3 or layers.size == 0 or layers.shape[1] > _MOST_ROWS:
-        raise GeometryError(f"edge maps of shape {layers.shape}: give (k, h, w), True on edges, h up to {_MOST_ROWS}")
+    if layers.ndim != 3 or layers.size == 0 or not 2 <= layers.shape[1] <= _MOST_ROWS or layers.shape[2] < 2:
+        raise GeometryError(
+            f"edge maps of shape {layers.shape}: give (k, h, w), True on edges, h from 2 to {_MOST_ROWS}, w from 2"
+        )
     columns = np.where(layers, np.uint16(0), np.uint16(NO_EDGE))
     _spread(columns)
     return columns

@@ -88,7 +88,7 @@ def test_beyond_the_border_the_way_to_it_is_added() -> None:
     assert (values[4:] == math.inf).all()
 
 
-@pytest.mark.parametrize("shape", [(10, 10), (0, 10, 10), (1, 65001, 2)])
+@pytest.mark.parametrize("shape", [(10, 10), (0, 10, 10), (1, 65001, 2), (1, 1, 9), (1, 9, 1)])
 def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(GeometryError, match="give \\(k, h, w\\)"):
         column_distances(np.zeros(shape, bool))
