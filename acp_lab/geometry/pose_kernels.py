@@ -87,12 +87,12 @@ def move(pose: FloatArray, centre_obj: FloatArray, step: FloatArray, moved: Floa
         (b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)),
     )
     for i in range(3):
-        centre, rest = pose[i, 3] + step[3 + i], 0.0
+        # How far the turn alone takes the centre; nothing at all where there is no turn.
+        turned = 0.0
         for k in range(3):
             moved[i, k] = turn[i][0] * pose[0, k] + turn[i][1] * pose[1, k] + turn[i][2] * pose[2, k]
-            centre += pose[i, k] * centre_obj[k]
-            rest += moved[i, k] * centre_obj[k]
-        moved[i, 3] = centre - rest
+            turned += (pose[i, k] - moved[i, k]) * centre_obj[k]
+        moved[i, 3] = pose[i, 3] + turned + step[3 + i]
         moved[3, i] = 0.0
     moved[3, 3] = 1.0
 

@@ -53,3 +53,9 @@ def test_equations_without_a_solution_say_so(rng: np.random.Generator) -> None:
     matrix[:, 3] = 0.0
     assert not eliminate(matrix, np.ones(6))
     assert not eliminate(np.full((6, 6), np.nan), np.ones(6))
+
+
+def test_no_step_leaves_a_pose_to_the_bit(rng: np.random.Generator) -> None:
+    pose, moved = make_pose(so3_exp(rng.normal(size=3)), rng.normal(0.0, 300.0, 3)), np.empty((4, 4))
+    move(pose, rng.normal(0.0, 500.0, 3), np.zeros(6), moved)
+    np.testing.assert_array_equal(moved, pose)
