@@ -120,6 +120,6 @@ def pose_level(problem: Problem, start: Estimate, solver: Solver) -> PoseLevel |
         prior.absolute,
         prior.towards,
         np.array(view.prior),
-        np.array(np.broadcast_to(problem.scale, 6)),
+        np.zeros(6) + problem.scale,
         solver,
     )
