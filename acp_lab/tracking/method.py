@@ -259,7 +259,8 @@ ACP_PAPER = Method(
     source=PaintedRidges(frame="pose"),
     variables=ControlPointVariables("rigid", carry="points", residual="homography"),
     targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),),
-    schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.6, 0.4)),
+    # More than a picture has ridges: as in the paper all of them count.
+    schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.6, 0.4), samples=1500),
     priors=(),
     solver=GaussNewton(),
     tones=Off(),
@@ -280,7 +281,7 @@ ACP_PAPER_LITERAL = replace(
     source=PaintedRidges(frame="prediction"),
     variables=ControlPointVariables(carry="points"),
     targets=(DistanceMap(),),
-    schedule=ShareSchedule(alpha=0.05, shares=(1.0,)),
+    schedule=ShareSchedule(alpha=0.05, shares=(1.0,), samples=1500),
 )
 ACP_PAPER_SAMPLES = replace(
     ACP_PAPER,
@@ -289,6 +290,7 @@ ACP_PAPER_SAMPLES = replace(
     source=PaintedSamples(),
     variables=ControlPointVariables(),
     targets=(DistanceMap(),),
+    schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.6, 0.4)),
 )
 DIRECT_6DOF = replace(
     ACP_PAPER,
