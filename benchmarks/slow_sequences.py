@@ -134,7 +134,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="+", type=Path, help="scene folders of BOP data sets")
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
     parser.add_argument("--true-images", action="store_true", help="in place of painted ones; no auto-encoder")
-    parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
+    parser.add_argument("--record", metavar="KEY", help="write to docs/measured.json, as slow.KEY")
     options = parser.parse_args()
 
     runs, painted = list[SlowRun](), {}
@@ -149,7 +149,7 @@ def main() -> None:
     for name, row in pooled.items():
         print(f"| {name} | " + " | ".join(f"{m:.2f} [{low:.2f}, {high:.2f}]" for m, low, high in row.values()) + " |")
     if options.record:
-        record_all(pooled, each, painted)
+        record_all(f"slow.{options.record}", pooled, each, painted)
 
 
 def paintings(folder: Path, parts: Path) -> dict[str, dict[str, float]]:
@@ -163,6 +163,7 @@ def paintings(folder: Path, parts: Path) -> dict[str, dict[str, float]]:
 
 
 def record_all(
+    entry: str,
     pooled: dict[str, dict[str, list[float]]],
     each: dict[str, dict[str, float]],
     painted: dict[str, dict[str, float]],
@@ -173,13 +174,12 @@ def record_all(
     unit = "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter"
     about = "acp-paper on painted and on exact edges, and its ablations, slow sequences, forwards and backwards"
     data = ", ".join(dict.fromkeys(name.split(":")[0] for name in each))
-    entry = "slow" if painted else "slow.true_images"
     about = about if painted else about.replace("painted", "true edge images")
     record(entry, about, {"@*": f"{unit}, mean over sequences, and its 95% interval"}, data, pooled)
     record(f"{entry}.each", "the same, each sequence, from truth", {"@*": unit}, data, each)
     if not painted:
         return
-    record("slow.painting", "the auto-encoders of these parts, over the regions trained", PAINTED, data, painted)
+    record(f"{entry}.painting", "the auto-encoders of these parts, over the regions trained", PAINTED, data, painted)
 
 
 if __name__ == "__main__":
