@@ -249,7 +249,7 @@ def _inner_creases(
     ids: IntArray, outline: BoolArray, residuals_px: FloatArray, jacobian: FloatArray, sample_count: FloatArray,
     rest: FloatArray, rows: FloatArray,
 ) -> int:  # fmt: skip
-    """Fill rest (n,) and rows (n, 6) with residuals and Jacobian of inner creases that were measured; how many it are.
+    """Fill rest (n,) and rows (n, 6) with residuals and Jacobian of inner creases that were measured; returns how many.
 
     sample_count: (samples, 2), see `ContourOffsets`.
     """
