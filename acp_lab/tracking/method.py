@@ -260,7 +260,7 @@ ACP_PAPER = Method(
     variables=ControlPointVariables("rigid", carry="points", residual="homography"),
     targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),),
     # More than a picture has ridges: as in the paper all of them count.
-    schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.6, 0.4), samples=1500),
+    schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.5, 0.28), samples=1500),
     priors=(),
     solver=GaussNewton(),
     tones=Off(),

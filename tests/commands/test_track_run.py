@@ -106,7 +106,7 @@ def test_a_method_of_ones_own(capsys: pytest.CaptureFixture[str], dataset: Path,
     info = json.loads((tmp_path / "results.run.json").read_text())
     assert info["method"] == "mine"
     configuration = info["configuration"]
-    expected = {"kind": "share-of-diameter", "alpha": 0.06, "shares": [1.0, 0.6, 0.4], "samples": 1500}
+    expected = {"kind": "share-of-diameter", "alpha": 0.06, "shares": [1.0, 0.5, 0.28], "samples": 1500}
     assert configuration["schedule"] == expected
     assert configuration["variables"] == {"kind": "pose", "linearise": "step"}
     assert configuration["targets"][0]["loss"] == "geman-mcclure"
