@@ -9,15 +9,15 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from acp_lab.cad.edges import EdgeSamples, facing, unoccluded
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
-from acp_lab.compiled import kernel
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
-from acp_lab.geometry.arrays import FloatArray, IntArray, plain
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.pose import transform
 from acp_lab.tracking.frame_view import Estimate
 
@@ -62,37 +62,14 @@ class EdgeLifter:
 
 
 def nearest_within(places: FloatArray, points: FloatArray, far_px: float) -> IntArray:
-    """(n,) for each of points (n, 2) the row of the nearest of places (m, 2); -1 where none is nearer than far_px."""
-    order = np.argsort(places[:, 0])
-    found = np.empty(len(points), np.int64)
-    _nearest_within(np.ascontiguousarray(places[order]), plain(points), far_px, found)
-    found[found >= 0] = order[found[found >= 0]]
+    """(n,) for each of points (n, 2) the row of the nearest of places (m, 2); -1 where none is nearer than far_px.
+
+    What has no place (NaN) is near nothing.
+    """
+    found = np.full(len(points), -1, np.int64)
+    rows, asked = (np.flatnonzero(np.isfinite(each).all(1)) for each in (places, points))
+    if len(rows):
+        distances, nearest = cKDTree(places[rows]).query(points[asked], distance_upper_bound=far_px)
+        near = np.isfinite(distances)
+        found[asked[near]] = rows[nearest[near]]
     return found
-
-
-@kernel("void(f8[:, ::1], f8[:, ::1], f8, i8[::1])")
-def _nearest_within(places: FloatArray, points: FloatArray, far_px: float, found: IntArray) -> None:
-    """See `nearest_within`; places in the order of their x, NaN last."""
-    count = len(places)
-    while count > 0 and np.isnan(places[count - 1, 0]):
-        count -= 1
-    for i in range(len(points)):
-        x, y, best = points[i, 0], points[i, 1], far_px * far_px
-        found[i] = -1
-        # The first place right of the point; then from there both ways, until x alone is too far.
-        low, high = 0, count
-        while low < high:
-            middle = (low + high) // 2
-            if places[middle, 0] < x:
-                low = middle + 1
-            else:
-                high = middle
-        for direction in (1, -1):
-            k = low if direction == 1 else low - 1
-            while 0 <= k < count:
-                dx, dy = places[k, 0] - x, places[k, 1] - y
-                if dx * dx >= best:
-                    break
-                if dx * dx + dy * dy < best:
-                    best, found[i] = dx * dx + dy * dy, k
-                k += direction
