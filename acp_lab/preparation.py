@@ -219,7 +219,10 @@ def _train_autoencoders(model: PreparedPart, job: _Job) -> PreparedPart:
 
 
 def _autoencoder_config(options: PrepareOptions, edge_break_mm: float) -> AutoencoderConfig:
-    config = AutoencoderConfig.fast() if options.fast else AutoencoderConfig()
+    if options.fast:
+        config = AutoencoderConfig.fast()
+    else:  # the paper's frame goes with the paper's number of views
+        config = AutoencoderConfig.as_printed() if options.painting_frame == "prediction" else AutoencoderConfig()
     inset_mm = OUTLINE_SHARE_OF_BREAK * edge_break_mm if options.edge_source == "analytic" else 0.0
     images = replace(config.images, source=options.edge_source, frame=options.painting_frame, outline_inset_mm=inset_mm)
     return replace(config, images=images)

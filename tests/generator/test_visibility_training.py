@@ -12,7 +12,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS, sample_directions
-from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.generator.visibility_training import TrainingConfig, TrainingReport, train_region
@@ -143,4 +143,5 @@ def test_all_views_asked_for_are_made(
     with pytest.raises(Enough):
         train_region(part, edges, caster, REGION, TrainingConfig(), seed=0)
     assert counts == [TrainingConfig().views + TrainingConfig().held_out]
-    assert TrainingConfig().views == EdgeImageConfig().views == 1000, "paper IV-A: about 1000 views per region"
+    printed = AutoencoderConfig.as_printed().images
+    assert TrainingConfig().views == printed.views == 1000, "paper IV-A: about 1000 views per region"
