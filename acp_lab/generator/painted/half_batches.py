@@ -20,8 +20,13 @@ T = TypeVar("T")
 
 
 def two_threads() -> ThreadPoolExecutor:
-    """Two workers whose torch operations take one thread each; to be closed, as a context."""
-    return ThreadPoolExecutor(2, "half-batch", initializer=torch.set_num_threads, initargs=(1,))
+    """Two workers whose torch operations take one thread each, denormals as zeros; to be closed, as a context."""
+    return ThreadPoolExecutor(2, "half-batch", initializer=_set_up)
+
+
+def _set_up() -> None:
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
 
 
 def halves_gradient(

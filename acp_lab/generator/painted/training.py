@@ -27,6 +27,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ViewRegion
+from acp_lab.generator.denormals import denormals_as_zeros
 from acp_lab.generator.device import Device, repeatable_convolutions, torch_device
 from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.painted.autoencoder import Decoder, Encoder, autoencoder_loss, bce_loss, inverse_psnr_loss
@@ -101,7 +102,8 @@ def train_autoencoder(
         "mid-section": mid_section_points(part.box_min, part.box_max, region.axis),
     }
     on = torch_device(device)
-    with one_thread(), repeatable_convolutions(), two_threads() as workers:  # this thread's own share is small
+    # This thread's own share of the work is small.
+    with one_thread(), denormals_as_zeros(), repeatable_convolutions(), two_threads() as workers:
         training = _RegionTraining(part, caster, region, points, config, seed, checkpoint, on)
         training.run(workers, progress, watch)
         return training.result()
