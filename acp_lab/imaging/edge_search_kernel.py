@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from acp_lab.compiled import kernel
-from acp_lab.geometry.arrays import Float32Array, FloatArray
+from acp_lab.geometry.arrays import Float32Array, FloatArray, IntArray
 
 FLANK_PX = 3
 _TINY = 1e-6
@@ -46,12 +46,15 @@ def read_pixel(channels: Float32Array, x: float, y: float) -> tuple[float, float
     )
 
 
-@kernel("void(f4[:, :, ::1], f8, f8, f8, f8, f8[::1])", fastmath=frozenset({"contract"}))
-def read_slopes(channels: Float32Array, x: float, y: float, nx: float, ny: float, along: FloatArray) -> None:
-    """Fill along (n,) with the gradient along (nx, ny), at n places a px apart from (x, y) on; 0 outside."""
+@kernel("void(f4[:, :, ::1], f8, f8, f8, f8, f8[:, ::1])", fastmath=frozenset({"contract"}))
+def read_profile(channels: Float32Array, x: float, y: float, nx: float, ny: float, profile: FloatArray) -> None:
+    """Fill profile (3, n) at n places a px apart from (x, y) on: slope along (nx, ny) and across it, grey; 0 outside.
+
+    channels: see `strongest_peaks`.
+    """
     height, width = channels.shape[:2]
-    last, count = len(along) - 1, len(along)
-    end_x, end_y = x + last * nx, y + last * ny
+    count = profile.shape[1]
+    end_x, end_y = x + (count - 1) * nx, y + (count - 1) * ny
     if min(x, end_x) >= 0.0 and max(x, end_x) < width - 1 and min(y, end_y) >= 0.0 and max(y, end_y) < height - 1:
         for k in range(count):
             px, py = x + k * nx, y + k * ny
@@ -59,15 +62,34 @@ def read_slopes(channels: Float32Array, x: float, y: float, nx: float, ny: float
             column, row = np.uint64(px), np.uint64(py)
             beside, below = column + np.uint64(1), row + np.uint64(1)
             right, down = px - column, py - row
-            upper = (1.0 - right) * (nx * channels[row, column, 0] + ny * channels[row, column, 1])
-            upper += right * (nx * channels[row, beside, 0] + ny * channels[row, beside, 1])
-            lower = (1.0 - right) * (nx * channels[below, column, 0] + ny * channels[below, column, 1])
-            lower += right * (nx * channels[below, beside, 0] + ny * channels[below, beside, 1])
-            along[k] = (1.0 - down) * upper + down * lower
+            d = right * down
+            b, c, a = right - d, down - d, 1.0 - right - down + d
+            gx = a * channels[row, column, 0] + b * channels[row, beside, 0]
+            gx += c * channels[below, column, 0] + d * channels[below, beside, 0]
+            gy = a * channels[row, column, 1] + b * channels[row, beside, 1]
+            gy += c * channels[below, column, 1] + d * channels[below, beside, 1]
+            grey = a * channels[row, column, 2] + b * channels[row, beside, 2]
+            grey += c * channels[below, column, 2] + d * channels[below, beside, 2]
+            profile[0, k], profile[1, k], profile[2, k] = nx * gx + ny * gy, ny * gx - nx * gy, grey
     else:
         for k in range(count):
-            gx, gy, _ = read_pixel(channels, x + k * nx, y + k * ny)
-            along[k] = nx * gx + ny * gy
+            gx, gy, grey = read_pixel(channels, x + k * nx, y + k * ny)
+            profile[0, k], profile[1, k], profile[2, k] = nx * gx + ny * gy, ny * gx - nx * gy, grey
+
+
+@kernel("i8(f8[::1], i8, f8[::1], i8[::1])")
+def local_maxima(along: FloatArray, margin: int, squares: FloatArray, places: IntArray) -> int:
+    """Fill squares (n,) of along (n,) and places with their local maxima, `margin` from the ends; returns how many.
+
+    Without a branch: which places are maxima no processor can foresee.
+    """
+    for k in range(len(along)):
+        squares[k] = along[k] * along[k]
+    count = 0
+    for k in range(margin, len(along) - margin):
+        places[count] = k
+        count += (squares[k] > squares[k - 1]) & (squares[k] >= squares[k + 1])
+    return count
 
 
 @kernel("void(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], i8, f8, f8, f8[:, :, ::1])")
@@ -79,28 +101,25 @@ def strongest_peaks(
 
     channels: (h, w, 3) gradient x and y in linear light, and grey. points: (n, 2) px of it; normals: (n, 2) unit.
     """
-    most, length = found.shape[2], 2 * (reach_px + 1) + 1
+    most, middle = found.shape[2], reach_px + FLANK_PX
     if most == 0:
         return
-    along, bend = np.empty(length), np.float32(1.0 - gamma)
+    profile, bend = np.empty((3, 2 * middle + 1)), np.float32(1.0 - gamma)
+    along, across, greys = profile[0], profile[1], profile[2]
+    squares, places, chosen = np.empty(len(along)), np.empty(len(along), np.int64), np.empty(most, np.int64)
     for i in range(len(points)):
-        x, y, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
-        read_slopes(channels, x - (reach_px + 1) * nx, y - (reach_px + 1) * ny, nx, ny, along)
+        nx, ny = normals[i, 0], normals[i, 1]
+        read_profile(channels, points[i, 0] - middle * nx, points[i, 1] - middle * ny, nx, ny, profile)
         kept = 0
-        for k in range(1, length - 1):
-            square = along[k] * along[k]
-            if not (square > along[k - 1] ** 2 and square >= along[k + 1] ** 2):
-                continue
-            way = k - reach_px - 1
-            gx, gy, grey = read_pixel(channels, x + way * nx, y + way * ny)
-            across = gx * ny - gy * nx
+        for place in range(local_maxima(along, FLANK_PX, squares, places)):
+            k = places[place]
             # The squared cosine between gradient and normal, then contrast.
-            score = square / (square + across * across + _TINY)
+            score = squares[k] / (squares[k] + across[k] * across[k] + _TINY)
             if kept == most and score <= found[1, i, most - 1]:
                 continue
             # Grey levels per level of light, where the edge is.
-            encoded = np.float32(max(grey, _DARK) / 255.0) ** bend / gamma
-            score *= square / (square + (contrast / encoded) ** 2)
+            encoded = np.float32(max(greys[k], _DARK) / 255.0) ** bend / gamma
+            score *= squares[k] / (squares[k] + (contrast / encoded) ** 2)
             slot = kept
             if kept == most:
                 if score <= found[1, i, most - 1]:
@@ -109,19 +128,14 @@ def strongest_peaks(
             else:
                 kept += 1
             while slot > 0 and found[1, i, slot - 1] < score:
-                for field in range(4):
-                    found[field, i, slot] = found[field, i, slot - 1]
+                chosen[slot] = chosen[slot - 1]
+                found[1, i, slot], found[2, i, slot] = found[1, i, slot - 1], found[2, i, slot - 1]
                 slot -= 1
+            chosen[slot] = k
+            found[1, i, slot], found[2, i, slot] = score, along[k] * encoded
+        for slot in range(kept):
+            k = chosen[slot]
             before, peak, after = abs(along[k - 1]), abs(along[k]), abs(along[k + 1])
             curvature = min(before - 2.0 * peak + after, -_TINY)
-            shift = min(max(0.5 * (before - after) / curvature, -0.5), 0.5)
-            found[0, i, slot] = way + shift
-            found[1, i, slot] = score
-            found[2, i, slot] = along[k] * encoded
-            # Grey beside it is read of those only that are kept in the end.
-            found[3, i, slot] = way
-        for slot in range(kept):
-            way = found[3, i, slot]
-            for side in range(2):
-                flank = way + (2 * side - 1) * FLANK_PX
-                _, _, found[3 + side, i, slot] = read_pixel(channels, x + flank * nx, y + flank * ny)
+            found[0, i, slot] = k - middle + min(max(0.5 * (before - after) / curvature, -0.5), 0.5)
+            found[3, i, slot], found[4, i, slot] = greys[k - FLANK_PX], greys[k + FLANK_PX]
