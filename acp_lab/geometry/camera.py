@@ -150,9 +150,9 @@ class Camera:
         k.flags.writeable = False
         return k
 
-    @property
+    @cached_property
     def numbers(self) -> FloatArray:
-        """(4,) fx, fy, cx, cy, px: what compiled loops take."""
+        """(4,) fx, fy, cx, cy, px: what compiled loops take, and read alone."""
         return np.array([self.fx, self.fy, self.cx, self.cy])
 
     @cached_property

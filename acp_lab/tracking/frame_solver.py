@@ -15,6 +15,7 @@ from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.hull import hull_corners
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView, crop_box
@@ -54,6 +55,9 @@ class FrameSolver:
         self._model = model
         self._lifter = EdgeLifter(model.part, model.edges)
         self._corners_obj = box_corners(model.part)
+        # Whatever the view, its outermost edge points are among these.
+        knows_samples = self.source.knows_samples
+        self._outermost_obj = hull_corners(model.edges.points_obj) if knows_samples else self._corners_obj
         self._half_size = 0.5 * model.part.box_size
         self.forget()
 
@@ -93,11 +97,11 @@ class FrameSolver:
         box = crop_box(self._corners_obj, prior, camera, margin_px)
         if box is None:
             return None
-        edge_box = box
+        edge_box = None
         if levels is not None:
             # The less of the image is filtered the better; colours beside the part are read as they are.
-            inset = int(margin_px) - max(level.reach_px for level in levels) - _ROOM_PX
-            edge_box = _inset(box, max(inset, 0))
+            room_px = max(level.reach_px for level in levels) + _ROOM_PX
+            edge_box = crop_box(self._outermost_obj, prior, camera, min(room_px, margin_px))
         return self._seen(self.view(image, camera, prior, region, box, edge_box, information))
 
     def afresh(self, seen: SeenFrame) -> SeenFrame:
@@ -234,10 +238,6 @@ class FrameSolver:
 
     def _reported_loss(self, measures: list[Measure], edges: GeneratedEdges) -> float:
         return sum(measure.reported_loss(edges) for measure in measures)
-
-
-def _inset(box: Box, by_px: int) -> Box:
-    return box[0] + by_px, box[1] + by_px, box[2] - by_px, box[3] - by_px
 
 
 def _left_out(levels: tuple[Level, ...] | None, schedule: Schedule) -> int:

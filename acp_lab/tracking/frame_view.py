@@ -13,9 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from acp_lab.cad.part import Part
+from acp_lab.compiled import kernel
 from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, CanonicalFrame, canonical_frame, eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.arrays import ByteImage, FloatArray, plain
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.planar_pnp_nearby import planar_pnp_nearby
@@ -167,18 +168,42 @@ class FrameView(View):
     edge_box: Box
 
 
-def crop_box(corners_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, margin_px: float) -> Box | None:
-    """The box around a part's corners (8, 3) mm at a pose (4, 4), wider by a margin.
+def crop_box(points_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, margin_px: float) -> Box | None:
+    """The box around points (n, 3) mm of a part at a pose (4, 4), wider by a margin.
 
-    None where a corner is behind the camera, or the box outside the image.
+    None where a point is behind the camera, or the box outside the image.
     """
-    corners = camera.project(transform(cam_T_obj, corners_obj))
-    if not np.isfinite(corners).all():
+    extent = np.empty(4)
+    if not _extent(plain(points_obj), plain(cam_T_obj), camera.numbers, extent):
         return None
-    (x0, y0), (x1, y1) = corners.min(0) - margin_px, corners.max(0) + margin_px
+    x0, y0, x1, y1 = extent.tolist()
+    x0, y0, x1, y1 = x0 - margin_px, y0 - margin_px, x1 + margin_px, y1 + margin_px
     least = _LEAST_OVERLAP_PX
     if x1 < least or y1 < least or x0 > camera.width - least or y0 > camera.height - least:
         return None
     # A part that fills far more than the image is searched inside the image only; keep the numbers small.
     x0, y0, x1, y1 = (int(min(max(value, -1e4), 1e4)) for value in (x0, y0, x1, y1))
     return x0, y0, x1 + 1, y1 + 1
+
+
+@kernel("b1(f8[:, ::1], f8[:, ::1], f8[::1], f8[::1])")
+def _extent(points_obj: FloatArray, pose: FloatArray, camera: FloatArray, extent: FloatArray) -> bool:
+    """Fill extent (4,) with least x and y and most x and y, px, of points (n, 3) at a pose (4, 4).
+
+    camera: see `Camera.numbers`. False where a point has no image, or none that is finite.
+    """
+    extent[0], extent[1], extent[2], extent[3] = np.inf, np.inf, -np.inf, -np.inf
+    for i in range(len(points_obj)):
+        x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
+        for k in range(3):
+            x += pose[0, k] * points_obj[i, k]
+            y += pose[1, k] * points_obj[i, k]
+            z += pose[2, k] * points_obj[i, k]
+        if not z > 0.0:
+            return False
+        u, v = camera[0] * x / z + camera[2], camera[1] * y / z + camera[3]
+        if not np.isfinite(u + v):
+            return False
+        extent[0], extent[1] = min(extent[0], u), min(extent[1], v)
+        extent[2], extent[3] = max(extent[2], u), max(extent[3], v)
+    return True

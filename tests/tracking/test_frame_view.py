@@ -130,6 +130,17 @@ def test_a_part_much_larger_than_the_image_still_has_a_box(view: View, part: Par
     assert max(abs(value) for value in box) <= 10_001
 
 
+def test_the_box_of_many_points_is_that_of_their_projections(view: View) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        points = view.part.box_centre + rng.normal(0.0, 20.0, (30, 3))
+        pose = move_pose(view.prior, view.part.box_centre, rng.normal(0.0, 0.5, 6))
+        shown = CAMERA.project(transform(pose, points))
+        low, high = shown.min(0) - 7.0, shown.max(0) + 7.0
+        expected = (*low.astype(int).tolist(), *(high.astype(int) + 1).tolist())
+        assert crop_box(points, pose, CAMERA, 7.0) == expected
+
+
 @pytest.mark.parametrize("overlap_px", [6.0, 10.0])
 def test_a_sliver_of_image_shows_nothing_of_the_part(part: Part, overlap_px: float) -> None:
     def boxed(pose: FloatArray) -> FloatArray:
