@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.frame_view import Estimate, FrameView
@@ -43,7 +44,7 @@ class Solution:
         """By the first target, whose quality and residuals are reported."""
         return self.judgements[0]
 
-    @property
+    @cached_property
     def score(self) -> float:
         """What solutions of one frame are compared by: the sum of the targets' scores."""
         return sum(judgement.score for judgement in self.judgements)

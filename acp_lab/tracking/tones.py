@@ -9,6 +9,7 @@ change. Curves by histogram matching: Gonzalez and Woods, Digital Image Processi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import cv2
@@ -104,40 +105,52 @@ class Tones:
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """pixels: (n, 3) of a frame, on a grid; counts: (3, 256) of them, by channel and grey value."""
+    """pixels: (n, 3) of a frame, on a grid."""
 
     pixels: ByteImage
-    counts: IntArray
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """(3, 256) of them, by channel and grey value; only a large change asks for it."""
+        counts = np.zeros((3, 256), np.int64)
+        _count(self.pixels, counts)
+        return counts
 
 
 def _some_pixels(image: ByteImage) -> _Sample:
     step = max(1, round(float(np.sqrt(image.shape[0] * image.shape[1] / _PIXELS))))
     grid = writable(image[step // 2 :: step, step // 2 :: step])
-    pixels, counts = np.empty((grid.shape[0] * grid.shape[1], 3), np.uint8), np.zeros((3, 256), np.int64)
-    _count(grid, pixels, counts)
-    return _Sample(pixels, counts)
+    pixels = np.empty((grid.shape[0] * grid.shape[1], 3), np.uint8)
+    _copy(grid, pixels)
+    return _Sample(pixels)
 
 
-@kernel("void(u1[:, :, :], u1[:, ::1], i8[:, ::1])")
-def _count(grid: ByteImage, pixels: ByteImage, counts: IntArray) -> None:
-    """Fill pixels (n, 3), row by row, and counts (3, 256), zeros before, with those of an image (h, w, 3)."""
+@kernel("void(u1[:, :, :], u1[:, ::1])")
+def _copy(grid: ByteImage, pixels: ByteImage) -> None:
+    """Fill pixels (n, 3), row by row, with those of an image (h, w, 3)."""
     height, width, _ = grid.shape
     for row in range(height):
         for column in range(width):
             for channel in range(3):
-                value = grid[row, column, channel]
-                pixels[row * width + column, channel] = value
-                counts[channel, value] += 1
+                pixels[row * width + column, channel] = grid[row, column, channel]
+
+
+@kernel("void(u1[:, ::1], i8[:, ::1])")
+def _count(pixels: ByteImage, counts: IntArray) -> None:
+    """Fill counts (3, 256), zeros before, with the grey values of pixels (n, 3)."""
+    for k in range(len(pixels)):
+        for channel in range(3):
+            counts[channel, pixels[k, channel]] += 1
 
 
 @kernel("f8(u1[:, ::1], u1[:, ::1])")
 def _mean_difference(before: ByteImage, now: ByteImage) -> float:
     """Mean absolute difference of grey levels; both (n, 3)."""
-    total = 0.0
+    total = np.int64(0)
     for k in range(len(now)):
         for channel in range(3):
-            total += abs(float(now[k, channel]) - float(before[k, channel]))
-    return total / now.size
+            total += abs(np.int64(now[k, channel]) - np.int64(before[k, channel]))
+    return float(total) / now.size
 
 
 @kernel("f8(i8[:, ::1], i8[:, ::1])")
