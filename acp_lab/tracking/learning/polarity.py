@@ -16,7 +16,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import BoolArray, FloatArray, plain
+from acp_lab.geometry.arrays import FloatArray, plain
 from acp_lab.geometry.pose_kernels import eliminate
 
 _LEAST_POINTS = 30
@@ -54,10 +54,6 @@ class EdgePolarity:
     def __init__(self, config: PolarityConfig) -> None:
         self.config = config
         self.shift_px = 0.0
-
-    def expect(self, gradients: FloatArray, outline: BoolArray) -> FloatArray:
-        """(n, m) px along the normals by which candidates lie off; gradients: (n, m) theirs along the normals."""
-        return self.shift_px * np.sign(gradients) * outline[:, None]
 
     def measure(
         self, gradients: FloatArray, outward: FloatArray, residuals_px: FloatArray, jacobian: FloatArray, rate: float

@@ -9,7 +9,8 @@ from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 
 CLEAR = 0.15
 """Weight of a posterior from which on it tells where the boundary is."""
-_WORST = 9.0
+WORST = 9.0
+"""px^2: how far off a line counts that finds no boundary; none counts as farther off."""
 
 
 @kernel(
@@ -155,10 +156,10 @@ def follow_scatter(
     of known ones.
     """
     for n in range(len(ids)):
-        i, square = ids[n], _WORST
+        i, square = ids[n], WORST
         if weights[n] > CLEAR:
             rest = found_px[n] - offsets_mm[i] * px_per_mm[n]
-            square = min(rest * rest, _WORST)
+            square = min(rest * rest, WORST)
         mean_square[i] += (rate if known[i] else 0.5) * (square - mean_square[i])
 
 

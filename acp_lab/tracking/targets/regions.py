@@ -33,6 +33,7 @@ from acp_lab.tracking.targets import check_precision
 from acp_lab.tracking.targets.correspondence_lines import ColourCrop, CorrespondenceLines
 from acp_lab.tracking.targets.region_kernels import (
     CLEAR,
+    WORST,
     expect_of_unseen,
     follow_scatter,
     free_lengths,
@@ -195,7 +196,7 @@ class RegionMemory:
             # What was not seen lies, for all that is known, half as far as the others.
             self.offsets_mm[:] = 0.5 * np.median(offsets[near]) if near.sum() > 10 else 0.0
             self.offsets_mm[ids[near]] = offsets[near]
-            self.mean_square[ids] = np.where(near, 0.5, 9.0)
+            self.mean_square[ids] = np.where(near, 0.5, WORST)
         else:
             follow_scatter(
                 ids, found_px, weights, lines.px_per_mm, self.offsets_mm, self.known, self.config.calibration_rate,
