@@ -12,7 +12,6 @@ from copy import copy
 
 import numpy as np
 
-from acp_lab.cad.part import box_corners
 from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.errors import PreparationError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
@@ -27,7 +26,7 @@ from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.observer import Observer
-from acp_lab.tracking.picture import Picture, take_picture
+from acp_lab.tracking.picture_memory import PictureMemory
 from acp_lab.tracking.recovery import Alternatives, Situation, recover
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.schedule import Level, PixelSchedule
@@ -81,7 +80,8 @@ class Tracker:
         self._carried: Estimate | None = None
         self._predictor = self.method.prediction.predictor(self.part.box_centre)
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
-        self._corners_obj = box_corners(self.part)
+        sight = self.method.sight
+        self._pictures = None if isinstance(sight, Off) else PictureMemory(self.part, sight)
         way_back = self.method.way_back
         self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back)
         self._forget()
@@ -240,12 +240,13 @@ class Tracker:
             self._way_back.forget()
         if self._tones is not None:
             self._tones.forget()
+        if self._pictures is not None:
+            self._pictures.forget()
         self._started = self._trusted = self._fitted = False
         self._region = 0
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
         self._mean_quality = self._mean_score = self._last_score = 0.0
         self._carried = None
-        self._picture: tuple[Picture, FloatArray, Camera] | None = None
 
     def _first_region(self, pose: FloatArray) -> int:
         region = self.solver.choose_region(pose)
@@ -424,19 +425,11 @@ class Tracker:
 
     def _sight(self, frame: Frame, clock: Stopwatch) -> bool:
         """Correct the prediction by where the part's last picture is in the new frame; whether that changed it."""
-        config, before = self.method.sight, self.predicted
-        if isinstance(config, Off) or self._picture is None:
+        if self._pictures is None:
             return False
         clock.lap()
-        picture, pose, camera = self._picture
-        if frame.camera != camera:
-            return False  # places in the two images cannot be compared
-        centres_cam = [transform(at, self.part.box_centre) for at in (pose, self.predicted)]
-        before_px, expected_px = frame.camera.project(np.array(centres_cam))
-        if np.isfinite(before_px + expected_px).all():
-            shift_px = picture.shift_in(frame.image, expected_px - before_px, config)
-            if shift_px is not None and np.linalg.norm(before_px + shift_px - expected_px) > config.least_px:
-                self._predictor.sight(frame.camera, before_px + shift_px, config.scatter_px, config.doubt)
+        before = self.predicted
+        self._pictures.correct(self._predictor, frame)
         clock.image_s += clock.lap()
         return self.predicted is not before
 
@@ -450,9 +443,8 @@ class Tracker:
 
     def _remember(self, frame: Frame, pose: FloatArray) -> None:
         """Take the part's picture, in which the next frame looks for it."""
-        if not isinstance(self.method.sight, Off):
-            picture = take_picture(frame, self._corners_obj, pose, self.method.sight)
-            self._picture = None if picture is None else (picture, pose, frame.camera)
+        if self._pictures is not None:
+            self._pictures.take(frame, pose)
 
     def _result(
         self,
