@@ -54,6 +54,7 @@ class EdgeEvidence:
         px_per_mm: (n,) signed scale across the edge, positive where the offset counts as positive along the normal.
         outline: (n,) bool, whether on the outline.
         stretch: (n,) the stretch of edge that a sample belongs to, a cell of space; the same in every frame.
+        points_obj: (n, 3) mm, the samples; those of the CAD model's edges are the same in every frame.
     """
 
     jacobian: FloatArray
@@ -61,6 +62,7 @@ class EdgeEvidence:
     px_per_mm: FloatArray
     outline: BoolArray
     stretch: IntArray
+    points_obj: FloatArray
 
     @property
     def classes(self) -> FloatArray:
@@ -147,10 +149,10 @@ def edge_evidence(solver: FrameSolver, frame: Frame, cam_T_true: FloatArray) -> 
     if found.sum() < LEAST_SAMPLES:
         return None
     outline = matches.edges.outline[found]
-    part = solver.part
-    cells = np.floor((matches.points_obj[found] - part.box_min) / (_STRETCH_IN_DIAMETERS * part.diameter))
+    part, points_obj = solver.part, matches.points_obj[found]
+    cells = np.floor((points_obj - part.box_min) / (_STRETCH_IN_DIAMETERS * part.diameter))
     places = cells.astype(np.int64) @ np.array([10_000, 100, 1]) * 2 + outline
-    return EdgeEvidence(matches.jacobian[found], residuals_px[found], scale[found], outline, places)
+    return EdgeEvidence(matches.jacobian[found], residuals_px[found], scale[found], outline, places, points_obj)
 
 
 def least_covariance(

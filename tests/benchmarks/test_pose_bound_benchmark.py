@@ -31,7 +31,9 @@ def test_a_stretch_of_the_first_frame_is_expected_where_it_was() -> None:
         stretch = np.repeat(np.arange(first, first + len(own_mm)), 5)
         count = len(stretch)
         offsets = np.repeat(own_mm, 5)
-        return EdgeEvidence(np.zeros((count, 6)), offsets, np.ones(count), np.ones(count, bool), stretch)
+        return EdgeEvidence(
+            np.zeros((count, 6)), offsets, np.ones(count), np.ones(count, bool), stretch, np.zeros((count, 3))
+        )
 
     before = evidence([-0.2, -0.1, 0.0, 0.1, 0.2], 0)
     # One stretch later, moved by little; the last one is new.

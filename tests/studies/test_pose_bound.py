@@ -177,13 +177,16 @@ def test_stretches_scatter_about_what_their_class_shares() -> None:
     own_mm = rng.normal(0.0, 0.1, 200)
     offset_mm = np.where(outline, -0.25, 0.15) + own_mm[stretch]
     residuals_px = sign * offset_mm + rng.normal(0.0, np.where(outline, 0.2, 0.4))
-    evidence = EdgeEvidence(np.zeros((len(stretch), 6)), residuals_px, sign, outline, stretch)
+    nowhere = np.zeros((len(stretch), 3))
+    evidence = EdgeEvidence(np.zeros((len(stretch), 6)), residuals_px, sign, outline, stretch, nowhere)
     np.testing.assert_allclose(evidence.shared_mm, [-0.25, 0.15], atol=0.04)
     # The robust deviation of 100 numbers is known to 12%; of each stretch the median's own scatter comes on top.
     np.testing.assert_allclose(evidence.spread_mm, 0.1, rtol=0.4)
     np.testing.assert_allclose(evidence.scatter_px, np.where(outline, 0.2, 0.4), rtol=0.06)
     assert [outline for outline, _ in evidence.stretches_mm.values()] == [i % 2 == 0 for i in range(200)]
-    few = EdgeEvidence(np.zeros((9, 6)), np.ones(9), np.ones(9), np.ones(9, bool), np.zeros(9, np.int64))
+    few = EdgeEvidence(
+        np.zeros((9, 6)), np.ones(9), np.ones(9), np.ones(9, bool), np.zeros(9, np.int64), np.zeros((9, 3))
+    )
     assert np.isnan(few.shared_mm).all()
     assert np.isinf(few.scatter_px).all()
 
