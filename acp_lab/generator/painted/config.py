@@ -59,7 +59,7 @@ class AutoencoderConfig:
 
     @classmethod
     def as_printed(cls) -> AutoencoderConfig:
-        """About 1000 views of a region (paper IV-A) in about as many steps, so each is seen some four times as often."""
+        """About 1000 views of a region (paper IV-A), each seen some four times as often: about as many steps."""
         return cls(
             images=EdgeImageConfig(views=1000),
             autoencoder_epochs=2,
