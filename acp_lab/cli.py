@@ -83,6 +83,10 @@ def prepare(
     painting_frame: Annotated[
         PaintingFrame, typer.Option(help="Where the auto-encoder paints: at the pose, or at a frame's prediction.")
     ] = PaintingFrame.POSE,
+    painting_px: Annotated[
+        int | None,
+        typer.Option(help="Side of what the auto-encoder paints; 128 if not given, 192 for fine detail.", metavar="PX"),
+    ] = None,
     device: Annotated[
         Device, typer.Option(help="Trains the auto-encoder; auto is a GPU where there is one.")
     ] = Device.AUTO,
@@ -118,6 +122,7 @@ def prepare(
         seed=seed,
         resume=resume,
         painting_frame=painting_frame.value,
+        painting_px=painting_px,
         device=device.value,
     )
     prepare_parts(meshes, out, options, unit.value, Spread(jobs, scheduler, threads))

@@ -223,6 +223,8 @@ def _autoencoder_config(options: PrepareOptions, edge_break_mm: float) -> Autoen
         config = AutoencoderConfig.fast()
     else:  # the paper's frame goes with the paper's number of views
         config = AutoencoderConfig.as_printed() if options.painting_frame == "prediction" else AutoencoderConfig()
+    if options.painting_px is not None:
+        config = config.painting(options.painting_px)
     inset_mm = OUTLINE_SHARE_OF_BREAK * edge_break_mm if options.edge_source == "analytic" else 0.0
     images = replace(config.images, source=options.edge_source, frame=options.painting_frame, outline_inset_mm=inset_mm)
     return replace(config, images=images)

@@ -275,7 +275,7 @@ def main() -> None:
     for folder in options.scenes:
         decoded = DecodedScene(open_sequence(folder))
         model = load(options.parts, decoded.scene)
-        true_images = perfectly_painted(model, model.autoencoder().regions)
+        true_images = perfectly_painted(model, model.autoencoder().regions, model.autoencoder().size)
         by_step = dict.fromkeys((step for step in steps() if step.startswith("true")), true_images)
         by_step |= dict.fromkeys((step for step in steps() if step.startswith("exact")), of_painted_regions(model))
         if options.causes:

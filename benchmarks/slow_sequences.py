@@ -82,8 +82,8 @@ def tracked(folder: Path, parts: Path) -> Iterator[SlowRun]:
         yield SlowRun(name_of(decoded.scene), start, name, np.concatenate(both))
 
 
-def tracked_on_true_images(folder: Path, parts: Path) -> Iterator[SlowRun]:
-    """All methods from truth on one sequence, true edge images in place of painted ones."""
+def tracked_on_true_images(folder: Path, parts: Path, size: int) -> Iterator[SlowRun]:
+    """All methods from truth on one sequence, true edge images of `size` px in place of painted ones."""
     from acp_lab.control_points.canonical_frame import eye_position
     from acp_lab.control_points.regression import RegressionConfig, regress_points
     from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
@@ -102,7 +102,7 @@ def tracked_on_true_images(folder: Path, parts: Path) -> Iterator[SlowRun]:
         points = points.with_region(k, w_obj, {})
         networks = networks.with_region(k, model.networks[k], model.networks.reports[k])
     model = replace(model, regressed_points=points, templates=None, networks=networks)
-    painted = perfectly_painted(model, tuple(regions))
+    painted = perfectly_painted(model, tuple(regions), size)
     for name, step in METHODS.items():
         shown = model if name.startswith("exact") else painted
         both = [errors_along(decoded, shown, steps()[step], backwards=way)[0] for way in (False, True)]
@@ -134,12 +134,17 @@ def main() -> None:
     parser.add_argument("scenes", nargs="+", type=Path, help="scene folders of BOP data sets")
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
     parser.add_argument("--true-images", action="store_true", help="in place of painted ones; no auto-encoder")
+    parser.add_argument("--painting-px", type=int, default=128, help="side of the true images")
     parser.add_argument("--record", metavar="KEY", help="write to docs/measured.json, as slow.KEY")
     options = parser.parse_args()
 
     runs, painted = list[SlowRun](), {}
     for folder in options.scenes:
-        for run in (tracked_on_true_images if options.true_images else tracked)(folder, options.parts):
+        if options.true_images:
+            found = tracked_on_true_images(folder, options.parts, options.painting_px)
+        else:
+            found = tracked(folder, options.parts)
+        for run in found:
             runs.append(run)
             shares = " ".join(f"{(run.errors < limit).mean():.2f}" for limit in LIMITS.values())
             print(f"{run.sequence}, {run.start}: {run.method} {shares}", flush=True)

@@ -346,6 +346,7 @@ def test_an_interrupted_region_goes_on_from_its_checkpoint(tmp_path: Path) -> No
         {"edge_break_mm": 0.4},
         {"edge_source": "normals"},
         {"painting_frame": "prediction"},
+        {"painting_px": 64},
         {"resume": False},
     ],
     ids=str,
@@ -357,9 +358,10 @@ def test_other_wishes_train_anew(tmp_path: Path, wish: dict[str, Any]) -> None:
     told = Told()
     model = paint(tmp_path, told, regions=(1,), **wish)
     assert told.stages[-1] == "auto-encoder, region -x"
-    only_painting = {"edge_break_mm", "edge_source", "painting_frame"} & set(wish)
+    only_painting = {"edge_break_mm", "edge_source", "painting_frame", "painting_px"} & set(wish)
     assert ("control points, region -x" in told.stages) == (not only_painting)
     assert model.autoencoder().frame == wish.get("painting_frame", "pose")
+    assert model.autoencoder().size == wish.get("painting_px", 32)
     assert sorted(model.autoencoders) == [1]
     assert sorted(PreparedPart.load(tmp_path / "bracket").autoencoders) == [1]
 

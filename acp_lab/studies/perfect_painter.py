@@ -39,17 +39,16 @@ _FOUND_PX = 0.05
 
 
 class PerfectPainter:
-    """In place of an `AutoencoderGenerator`, in the frame at the pose; regions: those that it answers for."""
+    """In place of an `AutoencoderGenerator`, in the frame at the pose, for some regions; size: of its images, px."""
 
     name = "true edge images"
-    size = CANONICAL_SIZE
     frame: PaintingFrame = "pose"
 
-    def __init__(self, model: PreparedPart, regions: tuple[int, ...]) -> None:
-        self.regions = regions
+    def __init__(self, model: PreparedPart, regions: tuple[int, ...], size: int) -> None:
+        self.regions, self.size = regions, size
         self._part = model.part
         self._points_obj = {(r, which): model.control_points(r, which) for r in regions for which in POINT_SETS}
-        spacing_mm = model.part.diameter / POINTS_PER_DIAMETER_128
+        spacing_mm = model.part.diameter / (POINTS_PER_DIAMETER_128 * size / CANONICAL_SIZE)
         self._edges = sample_edges(model.part, spacing_mm, max_smooth_samples=MOST_SMOOTH_SAMPLES)
         self._caster = make_caster(model.part)
         self._inset_mm = OUTLINE_SHARE_OF_BREAK * model.edge_break_mm
@@ -108,7 +107,12 @@ class PerfectlyPainted(PreparedPart):
         return self.painter
 
 
-def perfectly_painted(model: PreparedPart, regions: tuple[int, ...]) -> PerfectlyPainted:
-    """The same part with a perfect painter for some view regions; PreparationError where W is not regressed."""
+def perfectly_painted(
+    model: PreparedPart, regions: tuple[int, ...], size: int = CANONICAL_SIZE
+) -> PerfectlyPainted:
+    """The same part with a perfect painter for some view regions; PreparationError where W is not regressed.
+
+    size: side of its images, px.
+    """
     values = {item.name: getattr(model, item.name) for item in fields(model)}
-    return PerfectlyPainted(**values, painter=PerfectPainter(model, regions))
+    return PerfectlyPainted(**values, painter=PerfectPainter(model, regions, size))

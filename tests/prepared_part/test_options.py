@@ -21,6 +21,8 @@ from acp_lab.prepared_part import PrepareOptions
         ({"edge_break_mm": -0.1}, r"--edge-break -0\.1: give millimetres"),
         ({"edge_break_mm": float("nan")}, r"--edge-break nan: give millimetres"),
         ({"painting_frame": "middle"}, r"--painting-frame middle: choose pose or prediction"),
+        ({"painting_px": 100}, r"--painting-px 100: give a multiple of 16 from 64 to 512"),
+        ({"painting_px": 1024}, r"--painting-px 1024: give a multiple of 16"),
         ({"device": "tpu"}, r"--device tpu: choose auto, cpu or cuda"),
         ({"seed": -1}, r"--seed -1: give 0 or more"),
     ],

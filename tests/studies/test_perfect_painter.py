@@ -66,7 +66,7 @@ def test_it_finds_the_eye_at_the_border_of_its_region(model: PreparedPart, aside
     """A region is kept a little beyond its border, and there a search from its axis may end elsewhere."""
     part, region = model.part, ALL_REGIONS[REGION]
     w_obj = mid_section_points(part.box_min, part.box_max, region.axis)
-    painter = PerfectPainter(replace(model, regressed_points=Trained({REGION: w_obj}, {REGION: {}})), (REGION,))
+    painter = PerfectPainter(replace(model, regressed_points=Trained({REGION: w_obj}, {REGION: {}})), (REGION,), 128)
     eye_obj = eye_position(looking_at(part, np.array([*aside, 1.0]) * part.box_size, 330.0, 0.3))
     frame = canonical_frame(eye_obj, part.box_centre, part.radius, region)
     image = painter.edge_image(frame.project(w_obj), REGION)

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from acp_lab.control_points.canonical_frame import CANONICAL_SIZE
 from acp_lab.errors import PreparationError
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.generator.painted.quality import GenerationQuality
 
 SMALLEST_SIZE = 16
+WIDTHS_ABOVE_128 = (64, 48, 32)
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,19 @@ class AutoencoderConfig:
             latent_epochs=2,
             fine_tune_epochs=20,
             second_epochs=12,
+        )
+
+    def painting(self, size: int) -> AutoencoderConfig:
+        """The same for pictures of another size, px; above 128 px with narrower fine layers, which pay for the pixels.
+
+        Lines closer than about two pixels flow into one; larger pictures keep small features apart.
+        """
+        widths = self.shape.widths
+        if size > CANONICAL_SIZE:
+            coarse, middle, fine = (min(pair) for pair in zip(widths, WIDTHS_ABOVE_128, strict=True))
+            widths = coarse, middle, fine
+        return replace(
+            self, images=replace(self.images, size=size), shape=replace(self.shape, size=size, widths=widths)
         )
 
     @classmethod

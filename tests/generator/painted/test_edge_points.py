@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from acp_lab.generator.painted.config import AutoencoderConfig
+from acp_lab.generator.painted.edge_images import EdgeImageConfig, draw_strokes
 from acp_lab.generator.painted.edge_points import RidgePoints, ridge, ridge_motion, sample_bilinear, threshold
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
@@ -52,6 +54,34 @@ def test_the_threshold_is_on_the_brightness() -> None:
     both = ridge(image, 0.1).points[:, 0]
     assert (both < middle).any()
     assert (both > middle).any()
+
+
+def apart(gap_px: float) -> bool:
+    """Whether two lines as they are drawn for training, a gap apart, are read as two."""
+    x = 0.5 * (SIZE - 1) + np.array([-0.5, 0.5]) * gap_px
+    y = np.arange(SIZE - 1.0)
+    strokes = np.array([[(at, row), (at, row + 1.0)] for at in x for row in y])
+    owner = np.zeros(len(strokes), np.intp)
+    found = ridge(draw_strokes(strokes, owner, 1, SIZE, EdgeImageConfig().line_sigma_px)[0])
+    off = np.abs(found.points[inner(found), 0][:, None] - x)
+    return bool((off.min(1) < 0.5).all() and ((off < 0.5).sum(0) > 15).all())
+
+
+def test_a_larger_picture_keeps_lines_apart_that_flow_into_one_on_a_smaller_one() -> None:
+    usual = AutoencoderConfig()
+    larger = usual.painting(192)
+    gap = 0.0145  # of the picture's side
+    assert not apart(gap * usual.images.size)
+    assert apart(gap * larger.images.size)
+
+
+@pytest.mark.parametrize("config", [AutoencoderConfig(), AutoencoderConfig.fast()], ids=["usual", "fast"])
+def test_layers_are_never_wider_for_larger_pictures(config: AutoencoderConfig) -> None:
+    assert config.painting(128) == config
+    larger = config.painting(256)
+    assert larger.shape.size == larger.images.size == 256
+    assert larger.shape.widths <= config.shape.widths
+    assert larger.shape.widths[-1] <= min(config.shape.widths[-1], 32)
 
 
 @pytest.mark.parametrize("find", [ridge, threshold])
