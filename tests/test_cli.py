@@ -139,6 +139,13 @@ def test_regions_may_be_several_words() -> None:
     assert joined_regions(["a.ply", "--regions"]) == ["a.ply", "--regions"]
 
 
+def test_regions_of_several_options_are_all_prepared() -> None:
+    once = ["a.ply", "--regions", "0,2,5", "--out", "x"]
+    assert joined_regions(["a.ply", "--regions", "0", "--regions", "2", "--out", "x", "--regions", "5"]) == once
+    assert joined_regions(["a.ply", "--regions=0,2", "--out", "x", "--regions=5"]) == once
+    assert joined_regions(["--regions", "2", "--regions"]) == ["--regions", "2", "--regions"]
+
+
 def test_unknown_name_of_the_face() -> None:
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         acp_lab.nothing  # noqa: B018

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from acp_lab.errors import InputFileError
 
+OPTION = "--regions"
+
 
 def joined_regions(words: list[str]) -> list[str]:
-    """`--regions 0 2 5` as `--regions 0,2,5`: an option of typer takes one word."""
-    if "--regions" not in words:
-        return words
-    start = words.index("--regions") + 1
-    end = start
-    while end < len(words) and words[end].strip(",").replace(",", "").isdigit():
-        end += 1
-    return [*words[:start], ",".join(words[start:end]), *words[end:]] if end > start else words
+    """`--regions 0 2 --regions 5` as `--regions 0,2,5`: an option of typer takes one word, and of two the last."""
+    rest = [part for word in words for part in (word.split("=", 1) if word.startswith(f"{OPTION}=") else [word])]
+    first, regions = None, list[str]()
+    while OPTION in rest[:-1]:
+        start = rest.index(OPTION)
+        first = start if first is None else first
+        end = start + 2
+        while end < len(rest) and rest[end].strip(",").replace(",", "").isdigit():
+            end += 1
+        regions += rest[start + 1 : end]
+        del rest[start:end]
+    return rest if first is None else [*rest[:first], OPTION, ",".join(regions), *rest[first:]]
 
 
 def regions_of(text: str) -> tuple[int, ...] | None:
