@@ -23,7 +23,9 @@ from acp_lab.errors import PreparationError
 from acp_lab.files import write_whole
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
+from acp_lab.generator.side_by_side import side_by_side
 from acp_lab.generator.templates import build_templates
+from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.locks import only_writer
 from acp_lab.prepared_part import (
     FORMAT_VERSION,
@@ -157,15 +159,20 @@ def _train_networks(model: PreparedPart, job: _Job) -> PreparedPart:
     networks = model.networks.under(_in_words(config))
     if networks is not model.networks:
         model = replace(model, networks=networks, cpu_s=_without(model.cpu_s, "networks"))
-    for region in job.options.wanted_regions:
-        if region in model.networks:
-            continue
-        begin, begin_cpu_s, view = time.perf_counter(), time.process_time(), ALL_REGIONS[region]
-        tell = job.progress_of(f"visibility network, region {view.name}")
-        network, report = train_region(model.part, model.edges, job.caster, view, config, model.seed, tell)
-        timed = RegionReport(**asdict(report), train_s=time.perf_counter() - begin)
-        model = replace(model, networks=model.networks.with_region(region, network, timed))
-        model = model.took("networks", time.process_time() - begin_cpu_s)
+
+    part, edges, seed = model.part, model.edges, model.seed
+
+    def train(region: int, tell: Callable[[int, int], None]) -> tuple[int, RegionNetwork, RegionReport]:
+        begin = time.perf_counter()
+        network, report = train_region(part, edges, job.caster, ALL_REGIONS[region], config, seed, tell)
+        return region, network, RegionReport(**asdict(report), train_s=time.perf_counter() - begin)
+
+    missing = [region for region in job.options.wanted_regions if region not in model.networks]
+    before_s = time.process_time()
+    for region, network, report in side_by_side(train, missing, job.progress_of("visibility networks")):
+        now_s = time.process_time()
+        model = replace(model, networks=model.networks.with_region(region, network, report))
+        model, before_s = model.took("networks", now_s - before_s), now_s
         job.store(model)
     return model
 

@@ -152,8 +152,7 @@ def _command() -> str:
     """The command line as it may be typed elsewhere: paths without the folders of this machine."""
     main = sys.modules["__main__"]
     name = main.__spec__.name if main.__spec__ else Path(sys.argv[0]).name
-    words = [_portable(word) for word in sys.argv[1:] if word != "--record"]
-    return " ".join(["python -m", name, *words])
+    return " ".join(["python -m", name, *(_portable(word) for word in sys.argv[1:])])
 
 
 def _portable(word: str) -> str:

@@ -6,6 +6,7 @@ that the hysteresis of region choice never leaves what was learned.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,6 +24,8 @@ from acp_lab.generator.training_loop import AdamOneCycle, LossGradient, Training
 from acp_lab.generator.visibility import RegionNetwork, network_inputs
 
 Progress = Callable[[int, int], None]
+
+_DRAWING = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,8 @@ def train_region(
 
 
 def _network(hidden: int, outputs: int, torch_seed: int) -> torch.nn.Sequential:
-    with torch.random.fork_rng():
+    # The generator that new layers take their weights from is one for all threads.
+    with _DRAWING, torch.random.fork_rng():
         torch.manual_seed(torch_seed)
         return torch.nn.Sequential(
             torch.nn.Linear(8, hidden),

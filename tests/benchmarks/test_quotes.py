@@ -131,11 +131,11 @@ def test_entry_without_its_source_is_refused(tmp_path: Path) -> None:
 
 def test_recording_notes_where_numbers_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "measured.json"
-    monkeypatch.setattr("sys.argv", ["x", "/somewhere/data set", "docs/x", "--seeds", "3", "--record"])
+    monkeypatch.setattr("sys.argv", ["x", "/somewhere/data set", "docs/x", "--seeds", "3", "--record", "key"])
     measured.record("key", "made up", "px", "none", {"a": {"b": 1.23456789, "n": 3}}, path)
     entry = measured.load(path)["key"]
     assert entry.values == {"a": {"b": 1.2346, "n": 3}}
-    assert entry.command.endswith("data set docs/x --seeds 3")
+    assert entry.command.endswith("data set docs/x --seeds 3 --record key")
     assert "/somewhere" not in entry.command
 
 
