@@ -92,7 +92,7 @@ def prepare(
     ] = Device.AUTO,
     seed: Seed = 0,
     threads: Annotated[
-        int, typer.Option(min=1, help="CPU threads; more rarely pay. The auto-encoder trains in two.", metavar="N")
+        int, typer.Option(min=1, help="CPU threads; more rarely pay. Networks train in two.", metavar="N")
     ] = 1,
     resume: Annotated[
         bool,
@@ -108,7 +108,8 @@ def prepare(
 
     # One thread is the default: the networks are so small that threads wait for each other longer than they work (on
     # a busy machine of two cores, two threads took seven times as long as one), and the numbers are the same on every
-    # machine. Only the auto-encoder is large enough for two, and it takes them by itself.
+    # machine. The auto-encoder is large enough for two and takes them by itself; visibility networks train two at a
+    # time, in a thread each.
     limit_threads(threads)
     from acp_lab.commands.prepare import Spread, prepare_parts
     from acp_lab.prepared_part import PrepareOptions

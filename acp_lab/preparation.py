@@ -23,8 +23,8 @@ from acp_lab.errors import PreparationError
 from acp_lab.files import write_whole
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
-from acp_lab.generator.side_by_side import side_by_side
 from acp_lab.generator.templates import build_templates
+from acp_lab.generator.two_at_a_time import two_at_a_time
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.locks import only_writer
 from acp_lab.prepared_part import (
@@ -169,7 +169,7 @@ def _train_networks(model: PreparedPart, job: _Job) -> PreparedPart:
 
     missing = [region for region in job.options.wanted_regions if region not in model.networks]
     before_s = time.process_time()
-    for region, network, report in side_by_side(train, missing, job.progress_of("visibility networks")):
+    for region, network, report in two_at_a_time(train, missing, job.progress_of("visibility networks")):
         now_s = time.process_time()
         model = replace(model, networks=model.networks.with_region(region, network, report))
         model, before_s = model.took("networks", now_s - before_s), now_s

@@ -71,7 +71,8 @@ class AdamOneCycle:
 
     def __init__(self, parameters: Iterable[torch.nn.Parameter], peak_rate: float, steps: int) -> None:
         self.parameters = list(parameters)
-        self._adam = torch.optim.Adam(self.parameters, lr=peak_rate)
+        # Fused: one pass over the numbers of a parameter in place of ten.
+        self._adam = torch.optim.Adam(self.parameters, lr=peak_rate, fused=True)
         self._schedule = torch.optim.lr_scheduler.OneCycleLR(self._adam, peak_rate, total_steps=steps)
 
     def step(self, gradients: Sequence[Tensor]) -> None:

@@ -133,8 +133,11 @@ def _training(
     model: torch.nn.Sequential, inputs: Tensor, views: _Views, rows: np.ndarray, config: TrainingConfig, torch_seed: int
 ) -> Training[Tensor]:
     """Data, loss and schedule; a batch is a row of numbers (b,) of training views."""
-    free = torch.from_numpy(views.free[: config.views, rows])
-    asked = torch.from_numpy(views.asked[: config.views, rows])
+    # Picking columns leaves an array whose rows are scattered, and rows are what batches are made of.
+    free, asked = (
+        torch.from_numpy(np.ascontiguousarray(of_views[: config.views, rows]))
+        for of_views in (views.free, views.asked)
+    )
     generator = torch.Generator().manual_seed(torch_seed)
     optimiser = AdamOneCycle(model.parameters(), config.peak_rate, config.epochs * -(-config.views // config.batch))
 

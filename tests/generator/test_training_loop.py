@@ -63,4 +63,4 @@ def test_adam_takes_the_steps_of_torchs_own_loop() -> None:
     losses = [epoch.loss for epoch in training.run()]
     assert losses[-1] < losses[0]
     for one, other in zip(model.parameters(), plain.parameters(), strict=True):
-        assert torch.equal(one, other)
+        torch.testing.assert_close(one, other)  # rounded differently: fused

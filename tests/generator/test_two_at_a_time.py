@@ -7,7 +7,7 @@ from concurrent.futures import CancelledError
 
 import pytest
 
-from acp_lab.generator.side_by_side import Progress, side_by_side
+from acp_lab.generator.two_at_a_time import Progress, two_at_a_time
 
 PATIENCE_S = 20.0
 
@@ -22,8 +22,8 @@ def test_results_come_in_the_order_of_the_regions() -> None:
             second_is_done.set()
         return f"region {region}"
 
-    assert list(side_by_side(train, [3, 1, 4])) == ["region 3", "region 1", "region 4"]
-    assert list(side_by_side(train, [])) == []
+    assert list(two_at_a_time(train, [3, 1, 4])) == ["region 3", "region 1", "region 4"]
+    assert list(two_at_a_time(train, [])) == []
 
 
 def test_progress_is_told_in_the_callers_thread_for_all_regions_together() -> None:
@@ -34,7 +34,8 @@ def test_progress_is_told_in_the_callers_thread_for_all_regions_together() -> No
             tell(done + 1, 5)
         return region
 
-    assert list(side_by_side(train, [0, 2], lambda *count: told.append((*count, threading.current_thread())))) == [0, 2]
+    trainings = two_at_a_time(train, [0, 2], lambda *count: told.append((*count, threading.current_thread())))
+    assert list(trainings) == [0, 2]
     assert told[-1][:2] == (10, 10)
     assert {total for _, total, _ in told} == {10}
     assert {thread for *_, thread in told} == {threading.current_thread()}
@@ -63,7 +64,7 @@ def test_whatever_ends_one_training_ends_the_others(ended_by: str) -> None:
         if ended_by == "Ctrl-C":
             raise KeyboardInterrupt
 
-    trainings = side_by_side(train, [0, 1, 2, 3], pressed)
+    trainings = two_at_a_time(train, [0, 1, 2, 3], pressed)
     if ended_by == "a caller who has enough":
         assert next(trainings) == 0
         trainings.close()
@@ -78,5 +79,5 @@ def test_torch_works_in_one_thread_inside_each() -> None:
     import torch
 
     before = torch.get_num_threads()
-    assert set(side_by_side(lambda region, tell: torch.get_num_threads(), [0, 1, 2, 3])) == {1}
+    assert set(two_at_a_time(lambda region, tell: torch.get_num_threads(), [0, 1, 2, 3])) == {1}
     assert torch.get_num_threads() == before

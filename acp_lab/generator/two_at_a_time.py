@@ -18,7 +18,7 @@ Progress = Callable[[int, int], None]
 _TELL_EVERY_S = 0.1
 
 
-def side_by_side(
+def two_at_a_time(
     train: Callable[[int, Progress], Trained], regions: Sequence[int], progress: Progress | None = None
 ) -> Iterator[Trained]:
     """What `train` gives for each region, in their order.
