@@ -143,6 +143,11 @@ class Method:
                 'give residual = "homography"',
             ),
             (
+                self._follows_neighbour or not varies_points or self.variables.lengths == "image",
+                'variables.lengths = "part": only a rigid direction knows the CAD edge of an edge point: '
+                'give direction = "rigid"',
+            ),
+            (
                 not sees_contours or not isinstance(self.learning, Off),
                 'targets.kind = "contour-regions", "edge-confidence": colours must be learnt: '
                 'give learning.kind = "targets"',

@@ -19,7 +19,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.homography import QuadWarp, WarpedPoints
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
@@ -65,6 +65,9 @@ class ControlPointVariables:
         residual: what becomes of these two directions when edges are generated: "generated", t(I) is asked at I as it
             is (the paper); "homography", it is asked at the rigid neighbour of I, and its edges are moved by the
             homography from there to I (see `sources.residual`).
+        lengths: painted edges count by their length in the "image", as in the paper, or on the "part", as the CAD's
+            samples do (`EdgeLifter.by_length_on_part`). The latter needs direction = "rigid", which knows their CAD
+            edges. A deviation from the paper, not a default.
     """
 
     kind: ClassVar[str] = "control-points"
@@ -72,6 +75,7 @@ class ControlPointVariables:
     direction: Literal["homography", "rigid", "autograd", "differences"] = "homography"
     carry: Literal["points", "pose"] = "pose"
     residual: Literal["generated", "homography"] = "generated"
+    lengths: Literal["image", "part"] = "image"
 
     def around(self, source: EdgeSource) -> EdgeSource:
         """The source that generates at any I, made of one that may know rigid I only."""
@@ -84,7 +88,7 @@ class ControlPointVariables:
         if self.direction == "homography":
             return HomographyMotion(edges, at.control_points)
         if self.direction == "rigid":
-            return NeighbourMotion(edges, at, lifter)
+            return NeighbourMotion(edges, at, lifter, self.lengths)
         return RegeneratedMotion(source, samples, self.direction == "differences")
 
     def scale(self, view: View) -> FloatArray | float:
@@ -111,11 +115,13 @@ class PoseVariables:
 
     Attributes:
         linearise: at every "step", or once per "level", at its start.
+        lengths: painted edges count by their length in the "image" or on the "part", as above.
     """
 
     kind: ClassVar[str] = "pose"
     count: ClassVar[int] = 6
     linearise: Literal["step", "level"] = "step"
+    lengths: Literal["image", "part"] = "image"
 
     def around(self, source: EdgeSource) -> EdgeSource:
         """The source as it is: a pose is rigid."""
@@ -125,7 +131,9 @@ class PoseVariables:
         self, source: EdgeSource, edges: GeneratedEdges, at: Estimate, lifter: EdgeLifter, samples: int
     ) -> Motion:
         """The motion of a level's edges, of at most `samples`, generated at an estimate."""
-        return RigidMotion(edges, lifter.lift(edges, at), at, self.linearise == "level", source.is_exact)
+        shown = lifter.samples(edges, at)
+        counted = _counted(edges, shown, at, lifter, self.lengths)
+        return RigidMotion(counted, lifter.points_obj(shown), at, self.linearise == "level", source.is_exact)
 
     def scale(self, view: View) -> FloatArray | float:
         """(6,) how much of each pose parameter moves the part's rim by about a pixel, for solvers with one rate."""
@@ -188,10 +196,18 @@ class NeighbourMotion(_ControlPointMotion):
     edge near them are left out. GeometryError where I, or its neighbour, is degenerate.
     """
 
-    def __init__(self, edges: GeneratedEdges, start: Estimate, lifter: EdgeLifter) -> None:
+    def __init__(
+        self,
+        edges: GeneratedEdges,
+        start: Estimate,
+        lifter: EdgeLifter,
+        lengths: Literal["image", "part"] = "image",
+    ) -> None:
         neighbour = rigid_neighbour(start)
         rigid = _warped(edges, QuadWarp(start.control_points, edges.points).to(neighbour.control_points))
-        self._rigid = RigidMotion(rigid, lifter.lift(rigid, neighbour), neighbour)
+        samples = lifter.samples(rigid, neighbour)
+        counted = _counted(rigid, samples, neighbour, lifter, lengths)
+        self._rigid = RigidMotion(counted, lifter.points_obj(samples), neighbour)
         self._start = start
 
     def kept(self, generated: GeneratedEdges) -> GeneratedEdges:
@@ -305,6 +321,12 @@ class RigidMotion:
 
     def _project(self, cam_T_obj: FloatArray) -> FloatArray:
         return self._view.camera.project(transform(cam_T_obj, self.points_obj))
+
+
+def _counted(
+    edges: GeneratedEdges, samples: IntArray, at: Estimate, lifter: EdgeLifter, lengths: Literal["image", "part"]
+) -> GeneratedEdges:
+    return lifter.by_length_on_part(edges, samples, at) if lengths == "part" else edges
 
 
 def _warped(edges: GeneratedEdges, by: WarpedPoints) -> GeneratedEdges:

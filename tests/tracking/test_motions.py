@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
-from acp_lab.errors import GeometryError
+from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.errors import GeometryError, TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, View
+from acp_lab.tracking.method import METHODS
 from acp_lab.tracking.motions import (
     ControlPointVariables,
     HomographyMotion,
@@ -368,3 +370,81 @@ def test_what_is_known_of_control_points_is_known_of_the_pose(view: View, rng: n
     # From a pose step to I and back.
     by_points = ControlPointVariables().pose_jacobian(start) @ PoseVariables().control_jacobian(start)
     np.testing.assert_allclose(by_points, PoseVariables().pose_jacobian(start), atol=1e-9)
+
+
+# ---- lengths -------------------------------------------------------------------------------------------------
+
+
+def painted(edges: GeneratedEdges) -> GeneratedEdges:
+    """The same edges, as a painting knows them: of no sample."""
+    return replace(edges, sample_ids=np.full(len(edges), -1, np.int64))
+
+
+def foreshortening(start: Estimate, edges: GeneratedEdges, model: PreparedPart) -> FloatArray:
+    """(n,) mm on the part per mm across the line of sight, by the projection of a short piece of each edge."""
+    eye_obj = eye_position(start.cam_T_obj)
+    rays = model.edges.points_obj[edges.sample_ids] - eye_obj
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    along = model.edges.tangents_obj[edges.sample_ids]
+    across = along - np.einsum("ij,ij->i", rays, along)[:, None] * rays
+    return 1.0 / np.linalg.norm(across, axis=1)
+
+
+@pytest.mark.parametrize(("eye", "most"), [((0.8, 0.6, 1.0), 1.3), ((0.05, 0.1, 1.0), 3.0)])
+def test_painted_edges_count_by_their_length_on_the_part(
+    eye: tuple[float, float, float],
+    most: float,
+    part: Part,
+    source: RigidSource,
+    lifter: EdgeLifter,
+    model: PreparedPart,
+) -> None:
+    """From nearly above, upright edges are seen nearly end-on, and the weight has a limit."""
+    start = prior_of(view_at(part, looking_at(part, np.array(eye), 330.0, 0.3)))
+    edges = source.generate(start, 400)
+    expected = foreshortening(start, edges, model)
+    assert expected.max() > most, "some edges are foreshortened"
+    counted = lifter.by_length_on_part(painted(edges), edges.sample_ids, start)
+    np.testing.assert_allclose(counted.weights, edges.weights * np.minimum(expected, 3.0), rtol=1e-6)
+    np.testing.assert_array_equal(counted.points, edges.points)
+
+
+def test_samples_and_edges_of_no_sample_count_as_before(
+    start: Estimate, edges: GeneratedEdges, lifter: EdgeLifter
+) -> None:
+    """Samples of the CAD model are spread by length on the part already."""
+    np.testing.assert_array_equal(lifter.by_length_on_part(edges, edges.sample_ids, start).weights, edges.weights)
+    unknown = np.full(len(edges), -1, np.int64)
+    np.testing.assert_array_equal(lifter.by_length_on_part(painted(edges), unknown, start).weights, edges.weights)
+
+
+@pytest.mark.parametrize(
+    "variables", [ControlPointVariables("rigid", residual="homography"), PoseVariables(), PoseVariables("level")]
+)
+def test_motions_weigh_painted_edges_when_asked(
+    variables: ControlPointVariables | PoseVariables,
+    start: Estimate,
+    source: RigidSource,
+    edges: GeneratedEdges,
+    lifter: EdgeLifter,
+) -> None:
+    seen = painted(edges)
+    plain, weighed = (
+        replace(variables, lengths=lengths).motion(source, seen, start, lifter, 200).kept(seen)
+        for lengths in ("image", "part")
+    )
+    np.testing.assert_allclose(weighed.points, plain.points)
+    ratios = weighed.weights / plain.weights
+    assert ratios.min() >= 1.0 - 1e-9
+    assert 1.3 < ratios.max() <= 3.0 + 1e-9
+    asked = lifter.by_length_on_part(seen, lifter.samples(seen, start), start).weights
+    known = np.isfinite(lifter.lift(seen, start)).all(1)
+    np.testing.assert_allclose(weighed.weights, asked[known], rtol=1e-3)
+
+
+def test_lengths_on_the_part_need_a_rigid_direction() -> None:
+    paper = METHODS["acp-paper"]
+    assert isinstance(paper.variables, ControlPointVariables)
+    assert replace(paper, variables=replace(paper.variables, lengths="part")).variables.lengths == "part"
+    with pytest.raises(TrackingError, match=r"variables\.lengths"):
+        replace(paper, variables=replace(paper.variables, direction="homography", lengths="part"))

@@ -6,6 +6,7 @@ point is that of the nearest 3D edge sample that is visible at the pose; ray cas
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -24,13 +25,15 @@ from acp_lab.tracking.frame_view import Estimate
 # Further from any visible CAD edge, a painted edge is an invention of the network.
 _FAR_PX = 4.0
 _SAMPLES = 3000
+# An edge seen nearly end-on would otherwise outweigh all others.
+_MOST_FORESHORTENED = 3.0
 
 
 class EdgeLifter:
     """Finds the 3D points of edge points of one part."""
 
     def __init__(self, part: Part, edges: EdgeSamples) -> None:
-        self._all_points_obj = edges.points_obj
+        self._all = edges
         # The first samples are spread evenly, and more than these would only cost time.
         self._edges = edges.take(np.arange(min(len(edges), _SAMPLES)))
         self._offset_mm = RAY_OFFSET_IN_DIAMETERS * part.diameter
@@ -43,11 +46,14 @@ class EdgeLifter:
 
     def lift(self, generated: GeneratedEdges, at: Estimate) -> FloatArray:
         """(n, 3) mm in the object frame, NaN where no visible CAD edge is near; known samples are what they are."""
+        return self.points_obj(self.samples(generated, at))
+
+    def samples(self, generated: GeneratedEdges, at: Estimate) -> IntArray:
+        """(n,) rows of the CAD's edge samples, -1 where no visible one is near; known samples are what they are."""
         if (generated.sample_ids >= 0).all():
-            return self._all_points_obj[generated.sample_ids]
+            return generated.sample_ids
         cam_T_obj = at.cam_T_obj
         eye_obj, camera = eye_position(cam_T_obj), at.view.camera
-        lifted = np.full((len(generated), 3), np.nan)
         # Of the samples that turn this way only those near an edge point matter: rays are cast for these alone.
         rows = np.flatnonzero(facing(self._edges, eye_obj).shows)
         places = camera.project(transform(cam_T_obj, self._edges.points_obj[rows]))
@@ -57,8 +63,31 @@ class EdgeLifter:
         rows, places = rows[seen], places[seen]
         nearest = nearest_within(places, generated.points, _FAR_PX)
         known = nearest >= 0
-        lifted[known] = self._edges.points_obj[rows[nearest[known]]]
-        return lifted
+        found = np.full(len(generated), -1, np.int64)
+        found[known] = rows[nearest[known]]
+        return found
+
+    def points_obj(self, samples: IntArray) -> FloatArray:
+        """(n, 3) mm in the object frame of samples (n,), NaN for -1."""
+        points_obj = self._all.points_obj[samples]
+        if (samples < 0).any():
+            points_obj[samples < 0] = np.nan
+        return points_obj
+
+    def by_length_on_part(self, generated: GeneratedEdges, samples: IntArray, at: Estimate) -> GeneratedEdges:
+        """The same edges, each weighed by the length on the part that a px of it shows, of samples (n,).
+
+        Ridges stand a px apart in the image, so that an edge that runs towards the camera has few of them; CAD samples
+        are spread evenly over the part. The weight is 1 / sin of the angle between edge and line of sight, at most 3.
+        CAD samples, which count by length on the part already, and edges without one near them stay as they are.
+        """
+        weighed = np.flatnonzero((samples >= 0) & (generated.sample_ids < 0))
+        rays_obj = self._all.points_obj[samples[weighed]] - eye_position(at.cam_T_obj)
+        tangents_obj = self._all.tangents_obj[samples[weighed]]
+        sines = np.linalg.norm(np.cross(rays_obj, tangents_obj), axis=1) / np.linalg.norm(rays_obj, axis=1)
+        weights = np.array(generated.weights)
+        weights[weighed] /= np.maximum(sines, 1.0 / _MOST_FORESHORTENED)
+        return replace(generated, weights=weights)
 
 
 def nearest_within(places: FloatArray, points: FloatArray, far_px: float) -> IntArray:
