@@ -143,9 +143,14 @@ class Method:
                 'give residual = "homography"',
             ),
             (
-                self._follows_neighbour or not varies_points or self.variables.lengths == "image",
+                self.variables.lengths == "image" or self._follows_neighbour or not varies_points,
                 'variables.lengths = "part": only a rigid direction knows the CAD edge of an edge point: '
                 'give direction = "rigid"',
+            ),
+            (
+                self.variables.lengths == "image" or not self.source.knows_samples,
+                'variables.lengths = "part": CAD samples count by their length on the part already: '
+                'give source.kind = "painted-ridges", or lengths = "image"',
             ),
             (
                 not sees_contours or not isinstance(self.learning, Off),

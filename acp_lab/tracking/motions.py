@@ -19,7 +19,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import QuadWarp, WarpedPoints
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
@@ -30,6 +30,8 @@ from acp_lab.tracking.sources.residual import ResidualHomography, rigid_neighbou
 
 Rows = Callable[[FloatArray], FloatArray]
 """From image directions (n, 2) to (n, k): how each edge point moves along its direction by the k variables."""
+Lengths = Literal["image", "part"]
+"""By which length painted edges count, see `ControlPointVariables`."""
 
 
 class Motion(Protocol):
@@ -66,8 +68,8 @@ class ControlPointVariables:
             is (the paper); "homography", it is asked at the rigid neighbour of I, and its edges are moved by the
             homography from there to I (see `sources.residual`).
         lengths: painted edges count by their length in the "image", as in the paper, or on the "part", as the CAD's
-            samples do (`EdgeLifter.by_length_on_part`). The latter needs direction = "rigid", which knows their CAD
-            edges. A deviation from the paper, not a default.
+            samples do (`EdgeLifter.by_length_on_part`). The latter needs painted ridges and direction = "rigid", which
+            knows their CAD edges. A deviation from the paper, not a default.
     """
 
     kind: ClassVar[str] = "control-points"
@@ -75,7 +77,7 @@ class ControlPointVariables:
     direction: Literal["homography", "rigid", "autograd", "differences"] = "homography"
     carry: Literal["points", "pose"] = "pose"
     residual: Literal["generated", "homography"] = "generated"
-    lengths: Literal["image", "part"] = "image"
+    lengths: Lengths = "image"
 
     def around(self, source: EdgeSource) -> EdgeSource:
         """The source that generates at any I, made of one that may know rigid I only."""
@@ -115,13 +117,13 @@ class PoseVariables:
 
     Attributes:
         linearise: at every "step", or once per "level", at its start.
-        lengths: painted edges count by their length in the "image" or on the "part", as above.
+        lengths: painted edges count by their length in the "image" or on the "part", as there.
     """
 
     kind: ClassVar[str] = "pose"
     count: ClassVar[int] = 6
     linearise: Literal["step", "level"] = "step"
-    lengths: Literal["image", "part"] = "image"
+    lengths: Lengths = "image"
 
     def around(self, source: EdgeSource) -> EdgeSource:
         """The source as it is: a pose is rigid."""
@@ -131,9 +133,8 @@ class PoseVariables:
         self, source: EdgeSource, edges: GeneratedEdges, at: Estimate, lifter: EdgeLifter, samples: int
     ) -> Motion:
         """The motion of a level's edges, of at most `samples`, generated at an estimate."""
-        shown = lifter.samples(edges, at)
-        counted = _counted(edges, shown, at, lifter, self.lengths)
-        return RigidMotion(counted, lifter.points_obj(shown), at, self.linearise == "level", source.is_exact)
+        counted, points_obj = _on_part(edges, at, lifter, self.lengths)
+        return RigidMotion(counted, points_obj, at, self.linearise == "level", source.is_exact)
 
     def scale(self, view: View) -> FloatArray | float:
         """(6,) how much of each pose parameter moves the part's rim by about a pixel, for solvers with one rate."""
@@ -197,17 +198,11 @@ class NeighbourMotion(_ControlPointMotion):
     """
 
     def __init__(
-        self,
-        edges: GeneratedEdges,
-        start: Estimate,
-        lifter: EdgeLifter,
-        lengths: Literal["image", "part"] = "image",
+        self, edges: GeneratedEdges, start: Estimate, lifter: EdgeLifter, lengths: Lengths = "image"
     ) -> None:
         neighbour = rigid_neighbour(start)
         rigid = _warped(edges, QuadWarp(start.control_points, edges.points).to(neighbour.control_points))
-        samples = lifter.samples(rigid, neighbour)
-        counted = _counted(rigid, samples, neighbour, lifter, lengths)
-        self._rigid = RigidMotion(counted, lifter.points_obj(samples), neighbour)
+        self._rigid = RigidMotion(*_on_part(rigid, neighbour, lifter, lengths), neighbour)
         self._start = start
 
     def kept(self, generated: GeneratedEdges) -> GeneratedEdges:
@@ -323,10 +318,14 @@ class RigidMotion:
         return self._view.camera.project(transform(cam_T_obj, self.points_obj))
 
 
-def _counted(
-    edges: GeneratedEdges, samples: IntArray, at: Estimate, lifter: EdgeLifter, lengths: Literal["image", "part"]
-) -> GeneratedEdges:
-    return lifter.by_length_on_part(edges, samples, at) if lengths == "part" else edges
+def _on_part(
+    edges: GeneratedEdges, at: Estimate, lifter: EdgeLifter, lengths: Lengths
+) -> tuple[GeneratedEdges, FloatArray]:
+    """The edges as they count, and their 3D points (n, 3) mm, NaN where unknown."""
+    if lengths == "image":
+        return edges, lifter.lift(edges, at)
+    samples = lifter.samples(edges, at)
+    return lifter.by_length_on_part(edges, samples, at), lifter.points_obj(samples)
 
 
 def _warped(edges: GeneratedEdges, by: WarpedPoints) -> GeneratedEdges:

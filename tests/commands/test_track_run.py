@@ -108,7 +108,7 @@ def test_a_method_of_ones_own(capsys: pytest.CaptureFixture[str], dataset: Path,
     configuration = info["configuration"]
     expected = {"kind": "share-of-diameter", "alpha": 0.06, "shares": [1.0, 0.5, 0.28], "samples": 1500}
     assert configuration["schedule"] == expected
-    assert configuration["variables"] == {"kind": "pose", "linearise": "step"}
+    assert configuration["variables"] == {"kind": "pose", "linearise": "step", "lengths": "image"}
     assert configuration["targets"][0]["loss"] == "geman-mcclure"
     outcome = run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "scores.json")
     assert outcome.status == 0, outcome

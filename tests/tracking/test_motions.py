@@ -448,3 +448,10 @@ def test_lengths_on_the_part_need_a_rigid_direction() -> None:
     assert replace(paper, variables=replace(paper.variables, lengths="part")).variables.lengths == "part"
     with pytest.raises(TrackingError, match=r"variables\.lengths"):
         replace(paper, variables=replace(paper.variables, direction="homography", lengths="part"))
+
+
+def test_lengths_on_the_part_are_for_painted_ridges() -> None:
+    """Samples of the CAD model would ignore the setting."""
+    painted_pose = replace(METHODS["direct-6dof"], variables=PoseVariables(lengths="part"))
+    with pytest.raises(TrackingError, match=r"variables\.lengths.*painted-ridges"):
+        replace(painted_pose, source=METHODS["acp"].source)

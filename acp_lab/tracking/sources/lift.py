@@ -33,7 +33,9 @@ class EdgeLifter:
     """Finds the 3D points of edge points of one part."""
 
     def __init__(self, part: Part, edges: EdgeSamples) -> None:
-        self._all = edges
+        # With a last row of NaN, which is that of sample -1.
+        self._points_obj = np.vstack([edges.points_obj, np.full(3, np.nan)])
+        self._tangents_obj = edges.tangents_obj
         # The first samples are spread evenly, and more than these would only cost time.
         self._edges = edges.take(np.arange(min(len(edges), _SAMPLES)))
         self._offset_mm = RAY_OFFSET_IN_DIAMETERS * part.diameter
@@ -69,21 +71,19 @@ class EdgeLifter:
 
     def points_obj(self, samples: IntArray) -> FloatArray:
         """(n, 3) mm in the object frame of samples (n,), NaN for -1."""
-        points_obj = self._all.points_obj[samples]
-        if (samples < 0).any():
-            points_obj[samples < 0] = np.nan
-        return points_obj
+        return self._points_obj[samples]
 
     def by_length_on_part(self, generated: GeneratedEdges, samples: IntArray, at: Estimate) -> GeneratedEdges:
-        """The same edges, each weighed by the length on the part that a px of it shows, of samples (n,).
+        """The same edges, their weights times the length on the part of what a px shows; samples (n,) are theirs.
 
         Ridges stand a px apart in the image, so that an edge that runs towards the camera has few of them; CAD samples
-        are spread evenly over the part. The weight is 1 / sin of the angle between edge and line of sight, at most 3.
-        CAD samples, which count by length on the part already, and edges without one near them stay as they are.
+        are spread evenly over the part. The factor is 1 / sin of the angle between edge and line of sight, at most 3:
+        these weights are no longer beliefs in [0, 1]. CAD samples, which count by length on the part already, and edges
+        without one near them stay as they are.
         """
         weighed = np.flatnonzero((samples >= 0) & (generated.sample_ids < 0))
-        rays_obj = self._all.points_obj[samples[weighed]] - eye_position(at.cam_T_obj)
-        tangents_obj = self._all.tangents_obj[samples[weighed]]
+        rays_obj = self._points_obj[samples[weighed]] - eye_position(at.cam_T_obj)
+        tangents_obj = self._tangents_obj[samples[weighed]]
         sines = np.linalg.norm(np.cross(rays_obj, tangents_obj), axis=1) / np.linalg.norm(rays_obj, axis=1)
         weights = np.array(generated.weights)
         weights[weighed] /= np.maximum(sines, 1.0 / _MOST_FORESHORTENED)
