@@ -93,7 +93,14 @@ def steps() -> dict[str, Method]:
         "with a rigidity prior": replace(paper, priors=(RigidityPrior(RIGIDITY),)),
         "exact edges, with a rigidity prior": replace(paper, source=exact, priors=(RigidityPrior(RIGIDITY),)),
     }
-    return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
+    found |= {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
+    counted = ("+ rigid direction", "with a rigidity prior", "direct-6dof")
+    return found | {f"{name}, lengths on the part": _by_length_on_part(found[name]) for name in counted}
+
+
+def _by_length_on_part(method: Method) -> Method:
+    """Painted edges count by their length on the part, as the CAD's edge samples do anyway."""
+    return replace(method, variables=replace(method.variables, lengths="part"))
 
 
 class DecodedScene:

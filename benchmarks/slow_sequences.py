@@ -1,11 +1,12 @@
 """`acp-paper` on slow sequences of parts that nothing was chosen on: what painted edges carry, and what they cost.
 
-Eight methods on the same view regions: `acp-paper` on the ridges of painted images, the same on the CAD's exact edges,
+On the same view regions: `acp-paper` on the ridges of painted images, the same on the CAD's exact edges,
 both with edges that follow the homography of the control points alone, as in the paper (`direction = "homography"`),
 both with a prior that keeps I near what a rigid part can show, and the paper's two ablations on painted ridges, a pose
-varied (w/o CP) and points of the middle section (w/o opt). Defaults, no resets, the first frame left out, one thread;
-forwards and backwards, since single runs scatter. Intervals are 95% from a hierarchical block bootstrap over the
-sequences, each with its two orders one after the other.
+varied (w/o CP) and points of the middle section (w/o opt); three of them with painted edges that count by their length
+on the part (`lengths = "part"`). `--methods` runs some of these alone. Defaults, no resets, the first frame left out,
+one thread; forwards and backwards, since single runs scatter. Intervals are 95% from a hierarchical block bootstrap
+over the sequences, each with its two orders one after the other.
 
 `--true-images` needs no auto-encoder: the paintings are true edge images in the regions that a sequence shows, from
 truth. What is lost then no generator can win back.
@@ -55,6 +56,9 @@ METHODS = {
     "exact edges, rigidity prior": "exact edges, with a rigidity prior",
     "direct-6dof": "direct-6dof",
     "unoptimised-points": "unoptimised-points",
+    "painted edges, lengths on the part": "+ rigid direction, lengths on the part",
+    "painted edges, rigidity prior, lengths on the part": "with a rigidity prior, lengths on the part",
+    "direct-6dof, lengths on the part": "direct-6dof, lengths on the part",
 }
 """By the names of `deviations.steps`."""
 
@@ -69,21 +73,21 @@ class SlowRun:
     errors: np.ndarray
 
 
-def tracked(folder: Path, parts: Path) -> Iterator[SlowRun]:
-    """All methods from all starts on one sequence."""
+def tracked(folder: Path, parts: Path, methods: dict[str, str]) -> Iterator[SlowRun]:
+    """Methods, some of `METHODS`, from all starts on one sequence."""
     from acp_lab.sequences import open_sequence
 
     decoded = DecodedScene(open_sequence(folder))
     model = load(parts, decoded.scene)
     exact = of_painted_regions(model)
-    for (start, off), (name, step) in product(STARTS.items(), METHODS.items()):
+    for (start, off), (name, step) in product(STARTS.items(), methods.items()):
         shown = exact if name.startswith("exact") else model
         both = [errors_along(decoded, shown, steps()[step], off, way)[0] for way in (False, True)]
         yield SlowRun(name_of(decoded.scene), start, name, np.concatenate(both))
 
 
-def tracked_on_true_images(folder: Path, parts: Path, size: int) -> Iterator[SlowRun]:
-    """All methods from truth on one sequence, true edge images of `size` px in place of painted ones."""
+def tracked_on_true_images(folder: Path, parts: Path, methods: dict[str, str], size: int) -> Iterator[SlowRun]:
+    """Methods, some of `METHODS`, from truth on one sequence, true edge images of `size` px instead of painted ones."""
     from acp_lab.control_points.canonical_frame import eye_position
     from acp_lab.control_points.regression import RegressionConfig, regress_points
     from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
@@ -103,7 +107,7 @@ def tracked_on_true_images(folder: Path, parts: Path, size: int) -> Iterator[Slo
         networks = networks.with_region(k, model.networks[k], model.networks.reports[k])
     model = replace(model, regressed_points=points, templates=None, networks=networks)
     painted = perfectly_painted(model, tuple(regions), size)
-    for name, step in METHODS.items():
+    for name, step in methods.items():
         shown = model if name.startswith("exact") else painted
         both = [errors_along(decoded, shown, steps()[step], backwards=way)[0] for way in (False, True)]
         yield SlowRun(name_of(decoded.scene), "truth", name.replace("painted", "true"), np.concatenate(both))
@@ -135,15 +139,17 @@ def main() -> None:
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
     parser.add_argument("--true-images", action="store_true", help="in place of painted ones; no auto-encoder")
     parser.add_argument("--painting-px", type=int, default=128, help="side of the true images")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, metavar="NAME", help="some alone")
     parser.add_argument("--record", metavar="KEY", help="write to docs/measured.json, as slow.KEY")
     options = parser.parse_args()
 
+    methods = {name: METHODS[name] for name in options.methods or METHODS}
     runs, painted = list[SlowRun](), {}
     for folder in options.scenes:
         if options.true_images:
-            found = tracked_on_true_images(folder, options.parts, options.painting_px)
+            found = tracked_on_true_images(folder, options.parts, methods, options.painting_px)
         else:
-            found = tracked(folder, options.parts)
+            found = tracked(folder, options.parts, methods)
         for run in found:
             runs.append(run)
             shares = " ".join(f"{(run.errors < limit).mean():.2f}" for limit in LIMITS.values())

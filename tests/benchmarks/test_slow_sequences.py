@@ -33,6 +33,13 @@ def test_every_method_is_a_step_of_the_path() -> None:
         assert exact.source != painted.source
 
 
+@pytest.mark.parametrize("name", ["painted edges", "painted edges, rigidity prior", "direct-6dof"])
+def test_lengths_on_the_part_are_all_that_differs(name: str) -> None:
+    as_painted, counted = (steps()[METHODS[f"{name}{ending}"]] for ending in ("", ", lengths on the part"))
+    assert counted.variables.lengths == "part"
+    assert replace(counted, variables=as_painted.variables) == as_painted
+
+
 def test_rows_are_means_over_sequences_with_intervals() -> None:
     rows = pooled_rows(RUNS)
     assert list(rows) == ["truth: painted edges", "off: painted edges", "truth: exact edges"]
