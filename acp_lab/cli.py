@@ -85,7 +85,7 @@ def prepare(
     ] = PaintingFrame.POSE,
     painting_px: Annotated[
         int | None,
-        typer.Option(help="Side of what the auto-encoder paints; 128 if not given, 192 for fine detail.", metavar="PX"),
+        typer.Option(help="Side of what the auto-encoder paints; 192 if not given, 128 with --fast.", metavar="PX"),
     ] = None,
     device: Annotated[
         Device, typer.Option(help="Trains the auto-encoder; auto is a GPU where there is one.")

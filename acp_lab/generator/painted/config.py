@@ -8,10 +8,12 @@ from typing import Any
 
 from acp_lab.control_points.canonical_frame import CANONICAL_SIZE
 from acp_lab.errors import PreparationError
-from acp_lab.generator.painted.edge_images import EdgeImageConfig
+from acp_lab.generator.painted.edge_images import PAINTING_SIZE, EdgeImageConfig
 from acp_lab.generator.painted.quality import GenerationQuality
 
 SMALLEST_SIZE = 16
+# Narrower fine layers pay for the pixels of a larger picture.
+WIDTHS_UP_TO_128 = (64, 64, 48)
 WIDTHS_ABOVE_128 = (64, 48, 32)
 
 
@@ -26,9 +28,9 @@ class NetworkShape:
         hidden: width of the two hidden layers of the latent regressor.
     """
 
-    size: int = 128
+    size: int = PAINTING_SIZE
     latent: int = 128
-    widths: tuple[int, int, int] = (64, 64, 48)
+    widths: tuple[int, int, int] = WIDTHS_ABOVE_128
     hidden: int = 256
 
     def __post_init__(self) -> None:
@@ -71,13 +73,13 @@ class AutoencoderConfig:
         )
 
     def painting(self, size: int) -> AutoencoderConfig:
-        """The same for pictures of another size, px; above 128 px with narrower fine layers, which pay for the pixels.
+        """The same for pictures of another size, px, with layers of the usual widths for it, or narrower if they were.
 
         Lines closer than about two pixels flow into one; larger pictures keep small features apart.
         """
-        widths = self.shape.widths
-        if size > CANONICAL_SIZE:
-            coarse, middle, fine = (min(pair) for pair in zip(widths, WIDTHS_ABOVE_128, strict=True))
+        widths = _usual_widths(size)
+        if self.shape.widths != _usual_widths(self.shape.size):
+            coarse, middle, fine = (min(pair) for pair in zip(widths, self.shape.widths, strict=True))
             widths = coarse, middle, fine
         return replace(
             self, images=replace(self.images, size=size), shape=replace(self.shape, size=size, widths=widths)
@@ -85,13 +87,17 @@ class AutoencoderConfig:
 
     @classmethod
     def fast(cls) -> AutoencoderConfig:
-        """A third of the printed views, fewer epochs, a narrower decoder, for lessons and tests: blurred, not exact."""
+        """A third of the printed views, fewer epochs, smaller pictures, for lessons and tests: blurred, not exact."""
         return replace(
             cls.as_printed(),
-            images=EdgeImageConfig(views=350, held_out=40),
-            shape=NetworkShape(widths=(64, 48, 24)),
+            images=EdgeImageConfig(size=CANONICAL_SIZE, views=350, held_out=40),
+            shape=NetworkShape(size=CANONICAL_SIZE, widths=(64, 48, 24)),
             fine_tune_epochs=16,
         )
+
+
+def _usual_widths(size: int) -> tuple[int, int, int]:
+    return WIDTHS_UP_TO_128 if size <= CANONICAL_SIZE else WIDTHS_ABOVE_128
 
 
 @dataclass(frozen=True)

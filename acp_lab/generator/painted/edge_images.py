@@ -40,6 +40,8 @@ PaintingFrame = Literal["pose", "prediction"]
 
 # Neighbouring points of a crease lie at most that far apart in the image, so that lines close.
 POINTS_PER_DIAMETER_128 = 160
+# Lines closer than about two pixels flow into one: a larger picture keeps the edges of small features apart.
+PAINTING_SIZE = 192
 MOST_SMOOTH_SAMPLES = 60_000
 # Pixels further from an edge than this stay black; a Gaussian of 0.8 px has fallen to 0.01 there.
 REACH_PX = 2
@@ -63,13 +65,14 @@ class EdgeImageConfig:
             "prediction": at the pose that a frame expects; the part lies rolled, shifted and scaled in it.
         overlap: share by which a region reaches into its neighbours: the tracker stays up to 15% (`HYSTERESIS`).
         nearest, farthest: distances of the eye in diameters, sampled evenly in 1/distance.
-        roll_deg, shift_px, scale: largest jitter of the virtual camera, each way (5%: 0.05); for "prediction" only.
+        roll_deg, shift, scale: largest jitter of the virtual camera, each way; for "prediction" only. shift counts
+            sides of the image (4%: 0.04).
         line_sigma_px: Gaussian width of a drawn edge.
         oversampling: of the rendered normals against the image.
         outline_inset_mm: how far inside the CAD model's the outlines are drawn; analytic edges only.
     """
 
-    size: int = CANONICAL_SIZE
+    size: int = PAINTING_SIZE
     source: Source = "analytic"
     frame: PaintingFrame = "pose"
     views: int = 4000
@@ -78,7 +81,7 @@ class EdgeImageConfig:
     nearest: float = 1.5
     farthest: float = 12.0
     roll_deg: float = 5.0
-    shift_px: float = 5.0
+    shift: float = 0.04
     scale: float = 0.05
     line_sigma_px: float = 0.8
     oversampling: int = 2
@@ -186,12 +189,12 @@ def jitter_homographies(
 ) -> FloatArray:
     """(b, 3, 3) canonical px to px of another camera at the same eye, drawn at random: Kc' R Kc^-1.
 
-    The camera is turned, so that the part's centre lands up to `shift_px` off the middle, and not its image
+    The camera is turned, so that the part's centre lands up to `shift` of a side off the middle, and not its image
     shifted: that is what a part off the axis looks like.
     """
     count = len(frames)
     roll = np.radians(rng.uniform(-config.roll_deg, config.roll_deg, count))
-    shift = rng.uniform(-config.shift_px, config.shift_px, (count, 2))
+    shift = rng.uniform(-config.shift, config.shift, (count, 2)) * config.size
     scale = 1.0 + rng.uniform(-config.scale, config.scale, count)
     return np.stack(
         [jitter_homography(*values) for values in zip(frames, roll.tolist(), shift, scale.tolist(), strict=True)]

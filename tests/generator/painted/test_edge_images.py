@@ -103,7 +103,7 @@ def test_jitter_is_another_camera_at_the_same_eye(
 
 def test_jitter_without_spread_changes_nothing() -> None:
     _, frame = frame_at(PART, (0.1, 0.2, 1.0), 4.0)
-    still = replace(CONFIG, roll_deg=0.0, shift_px=0.0, scale=0.0)
+    still = replace(CONFIG, roll_deg=0.0, shift=0.0, scale=0.0)
     h = jitter_homographies([frame], still, np.random.default_rng(0))[0]
     np.testing.assert_allclose(h / h[2, 2], np.eye(3), atol=1e-9)
 
@@ -113,7 +113,7 @@ def test_jitter_stays_within_its_limits(rng: np.random.Generator) -> None:
     middle = np.full(2, 0.5 * (frame.size - 1))
     h = jitter_homographies([frame] * 200, CONFIG, rng)
     shifts = np.array([apply_homography(each, middle[None])[0] - middle for each in h])
-    assert 4.5 < np.abs(shifts).max() <= CONFIG.shift_px + 1e-9
+    assert 4.5 < np.abs(shifts).max() <= CONFIG.shift * CONFIG.size + 1e-9
 
 
 # ---- views ---------------------------------------------------------------------------------------------------

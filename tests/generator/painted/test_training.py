@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 REGION = ALL_REGIONS[4]
 TINY = AutoencoderConfig(
-    images=EdgeImageConfig(size=32, frame="prediction", views=16, held_out=3, shift_px=1.0),
+    images=EdgeImageConfig(size=32, frame="prediction", views=16, held_out=3),
     shape=NetworkShape(latent=8, widths=(8, 8, 4), hidden=16),
     autoencoder_epochs=2,
     latent_epochs=1,
@@ -156,7 +156,7 @@ def test_what_comes_back(in_one_go: TrainedRegion, w_obj: FloatArray, part: Part
 def test_it_learns(part: Part, caster: RayCaster, w_obj: FloatArray) -> None:
     """A small one learns to paint views it never saw; coarsely, but far better than chance."""
     config = AutoencoderConfig(
-        images=EdgeImageConfig(size=64, views=120, held_out=12, shift_px=1.0, roll_deg=1.0, scale=0.01, overlap=0.0),
+        images=EdgeImageConfig(size=64, views=120, held_out=12, shift=0.02, roll_deg=1.0, scale=0.01, overlap=0.0),
         shape=NetworkShape(latent=48, widths=(32, 24, 16), hidden=64),
         autoencoder_epochs=8,
         latent_epochs=8,

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
 REGION = ALL_REGIONS[4]
 TINY = AutoencoderConfig(
-    images=EdgeImageConfig(size=32, views=16, held_out=GRID_ROWS + 1, shift_px=1.0),
+    images=EdgeImageConfig(size=32, views=16, held_out=GRID_ROWS + 1),
     shape=NetworkShape(latent=8, widths=(8, 8, 4), hidden=16),
     autoencoder_epochs=2,
     latent_epochs=1,
