@@ -2,12 +2,13 @@
 
 Every step is on the ridges of the painted edge image but these: "true images" has the ridges of the images that the
 network should have painted, "exact edges" the visibility network's edges, in the same view regions; both move edges by
-the homography alone, unless "rigid direction" is said. "without" is the whole path with one deviation taken away; the
-residual homography takes the rigid direction with it, which moves on from where it generates. Steps before "frame at
-the pose" need auto-encoders of a frame at the prediction, of the same length of training. From truth, no
-resets, the first frame left out, one thread. The bias of a painting is that of the pose which fits it best at the true
-pose (`acp_lab.studies.painting_bias`). `--causes` runs the last steps and these alone, forwards and backwards;
-`--floor` reads ridges off true images of a hundred views of the first frame's region, and needs no auto-encoder.
+the homography alone, unless "rigid direction" is said, the whole path. "without" is the whole path with one deviation
+taken away; the residual homography takes the rigid direction with it, which moves on from where it generates, and that
+the lengths on the part. Steps before "frame at the pose" need auto-encoders of a frame at the prediction, of the same
+length of training. From truth, no resets, the first frame left out, one thread. The bias of a painting is that of the
+pose which fits it best at the true pose (`acp_lab.studies.painting_bias`). `--causes` runs the last steps and these
+alone, forwards and backwards; `--floor` reads ridges off true images of a hundred views of the first frame's region,
+and needs no auto-encoder.
 
 Example: python -m benchmarks.deviations path/to/dataset/test/000001... --parts out/parts --literal-parts out/literal
 (prepared before: acp-lab prepare MESH --out out/parts/DATASET, again with --generator autoencoder, and
@@ -43,7 +44,7 @@ RIGIDITY = 0.2
 """Weight of the rigidity prior, per squared px: the best of 0.05, 0.2 and 1 on eight sequences, exact edges."""
 LIMITS = {"@2": 0.02, "@5": 0.05, "@10": 0.10}
 CAUSES = (
-    "+ rigid direction",
+    "+ lengths on the part",
     "true images, rigid direction",
     "exact edges, rigid direction",
     "+ annealed alpha",
@@ -70,10 +71,11 @@ def steps() -> dict[str, Method]:
     from acp_lab.tracking.sources.rigid import CadSamples
 
     literal, paper = METHODS["acp-paper-literal"], METHODS["acp-paper"]
-    residual = replace(literal, variables=replace(paper.variables, direction="homography"))
+    residual = replace(literal, variables=replace(paper.variables, direction="homography", lengths="image"))
     at_pose = replace(residual, source=paper.source)
     bins = replace(at_pose, targets=paper.targets)
     annealed = replace(paper, variables=residual.variables)
+    in_image = replace(paper, variables=replace(paper.variables, lengths="image"))
     exact = CadSamples("learned", inset_outlines=True)
     found = {
         "literal": literal,
@@ -81,7 +83,8 @@ def steps() -> dict[str, Method]:
         "+ frame at the pose": at_pose,
         "+ orientation bins": bins,
         "+ annealed alpha": annealed,
-        "+ rigid direction": paper,
+        "+ rigid direction": in_image,
+        "+ lengths on the part": paper,
         "without residual homography": replace(paper, variables=literal.variables),
         "without frame at the pose": replace(paper, source=literal.source),
         "without orientation bins": replace(paper, targets=literal.targets),
@@ -93,14 +96,7 @@ def steps() -> dict[str, Method]:
         "with a rigidity prior": replace(paper, priors=(RigidityPrior(RIGIDITY),)),
         "exact edges, with a rigidity prior": replace(paper, source=exact, priors=(RigidityPrior(RIGIDITY),)),
     }
-    found |= {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
-    counted = ("+ rigid direction", "with a rigidity prior", "direct-6dof")
-    return found | {f"{name}, lengths on the part": _by_length_on_part(found[name]) for name in counted}
-
-
-def _by_length_on_part(method: Method) -> Method:
-    """Painted edges count by their length on the part, as the CAD's edge samples do anyway."""
-    return replace(method, variables=replace(method.variables, lengths="part"))
+    return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
 
 
 class DecodedScene:

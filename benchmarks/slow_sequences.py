@@ -3,10 +3,10 @@
 On the same view regions: `acp-paper` on the ridges of painted images, the same on the CAD's exact edges,
 both with edges that follow the homography of the control points alone, as in the paper (`direction = "homography"`),
 both with a prior that keeps I near what a rigid part can show, and the paper's two ablations on painted ridges, a pose
-varied (w/o CP) and points of the middle section (w/o opt); three of them with painted edges that count by their length
-on the part (`lengths = "part"`). `--methods` runs some of these alone. Defaults, no resets, the first frame left out,
-one thread; forwards and backwards, since single runs scatter. Intervals are 95% from a hierarchical block bootstrap
-over the sequences, each with its two orders one after the other.
+varied (w/o CP) and points of the middle section (w/o opt); and `acp-paper` with painted edges that count by their
+length in the image. `--methods` runs some of these alone. Defaults, no resets, the first frame left out, one thread;
+forwards and backwards, since single runs scatter. Intervals are 95% from a hierarchical block bootstrap over the
+sequences, each with its two orders one after the other.
 
 `--true-images` needs no auto-encoder: the paintings are true edge images in the regions that a sequence shows, from
 truth. What is lost then no generator can win back.
@@ -33,6 +33,7 @@ import numpy as np  # noqa: E402
 
 from acp_lab.cad.raycast import make_caster  # noqa: E402
 from acp_lab.evaluation.bootstrap import bootstrap_mean  # noqa: E402
+from acp_lab.generator.painted.edge_images import PAINTING_SIZE  # noqa: E402
 from benchmarks.ablation import STARTS  # noqa: E402
 from benchmarks.deviations import (  # noqa: E402
     LIMITS,
@@ -48,7 +49,7 @@ from benchmarks.deviations import (  # noqa: E402
 )
 
 METHODS = {
-    "painted edges": "+ rigid direction",
+    "painted edges": "+ lengths on the part",
     "exact edges": "exact edges, rigid direction",
     "painted edges, by homography": "+ annealed alpha",
     "exact edges, by homography": "exact edges",
@@ -56,9 +57,7 @@ METHODS = {
     "exact edges, rigidity prior": "exact edges, with a rigidity prior",
     "direct-6dof": "direct-6dof",
     "unoptimised-points": "unoptimised-points",
-    "painted edges, lengths on the part": "+ rigid direction, lengths on the part",
-    "painted edges, rigidity prior, lengths on the part": "with a rigidity prior, lengths on the part",
-    "direct-6dof, lengths on the part": "direct-6dof, lengths on the part",
+    "painted edges, lengths in the image": "+ rigid direction",
 }
 """By the names of `deviations.steps`."""
 
@@ -138,7 +137,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="+", type=Path, help="scene folders of BOP data sets")
     parser.add_argument("--parts", type=Path, required=True, help="prepared parts, one folder per data set")
     parser.add_argument("--true-images", action="store_true", help="in place of painted ones; no auto-encoder")
-    parser.add_argument("--painting-px", type=int, default=128, help="side of the true images")
+    parser.add_argument("--painting-px", type=int, default=PAINTING_SIZE, help="side of the true images")
     parser.add_argument("--methods", nargs="+", choices=METHODS, metavar="NAME", help="some alone")
     parser.add_argument("--record", metavar="KEY", help="write to docs/measured.json, as slow.KEY")
     options = parser.parse_args()

@@ -20,6 +20,7 @@ from acp_lab.generator.device import Device
 from acp_lab.generator.painted.edge_images import (
     MOST_SMOOTH_SAMPLES,
     OUTLINE_SHARE_OF_BREAK,
+    PAINTING_SIZE,
     POINTS_PER_DIAMETER_128,
     EdgeImageConfig,
     PaintingFrame,
@@ -108,7 +109,7 @@ class PerfectlyPainted(PreparedPart):
 
 
 def perfectly_painted(
-    model: PreparedPart, regions: tuple[int, ...], size: int = CANONICAL_SIZE
+    model: PreparedPart, regions: tuple[int, ...], size: int = PAINTING_SIZE
 ) -> PerfectlyPainted:
     """The same part with a perfect painter for some view regions; PreparationError where W is not regressed.
 

@@ -16,11 +16,12 @@
     confidence  how likely a pose is right                     confidence
     uncertainty how exact it is, given that it is right        uncertainty
 
-`acp-paper` is the paper's path with the five deviations that it needs, one setting each: `variables.residual`,
-`source.frame`, `edge_map.orientation_bins`, `schedule.shares` and `variables.direction`; `acp-paper-literal` is
-without them. The two ablations of Table III are `acp-paper` with one part changed. `acp-paper-samples` reads no
-positions off the painted image: it gates the CAD's own edge samples. Any other sum of parts is a method too, by
-`dataclasses.replace` or from a TOML file (`method_file`). A sum in which some setting would be ignored is refused.
+`acp-paper` is the paper's path with the six deviations that it needs, one setting each: `variables.residual`,
+`source.frame`, `edge_map.orientation_bins`, `schedule.shares`, `variables.direction` and `variables.lengths`;
+`acp-paper-literal` is without them. The two ablations of Table III are `acp-paper` with one part changed.
+`acp-paper-samples` reads no positions off the painted image: it gates the CAD's own edge samples. Any other sum of
+parts is a method too, by `dataclasses.replace` or from a TOML file (`method_file`). A sum in which some setting would
+be ignored is refused.
 """
 
 from __future__ import annotations
@@ -143,14 +144,9 @@ class Method:
                 'give residual = "homography"',
             ),
             (
-                self.variables.lengths == "image" or self._follows_neighbour or not varies_points,
-                'variables.lengths = "part": only a rigid direction knows the CAD edge of an edge point: '
-                'give direction = "rigid"',
-            ),
-            (
-                self.variables.lengths == "image" or not self.source.knows_samples,
-                'variables.lengths = "part": CAD samples count by their length on the part already: '
-                'give source.kind = "painted-ridges", or lengths = "image"',
+                self.variables.lengths == "image" or self._knows_cad_edges,
+                'variables.lengths = "part": a homography does not know the CAD edge of a painted edge point: '
+                'give direction = "rigid", or lengths = "image"',
             ),
             (
                 not sees_contours or not isinstance(self.learning, Off),
@@ -218,6 +214,10 @@ class Method:
         return isinstance(self.variables, ControlPointVariables) and self.variables.direction == "rigid"
 
     @property
+    def _knows_cad_edges(self) -> bool:
+        return self._follows_neighbour or isinstance(self.variables, PoseVariables) or self.source.knows_samples
+
+    @property
     def _paints_at_pose(self) -> bool:
         return isinstance(self.source, PaintedRidges) and self.source.frame == "pose"
 
@@ -267,7 +267,7 @@ ACP_PAPER = Method(
     control_points="regressed",
     margin_px=40.0,
     source=PaintedRidges(frame="pose"),
-    variables=ControlPointVariables("rigid", carry="points", residual="homography"),
+    variables=ControlPointVariables("rigid", carry="points", residual="homography", lengths="part"),
     targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),),
     # More than a picture has ridges: as in the paper all of them count.
     schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.5, 0.28), samples=1500),
@@ -306,7 +306,7 @@ DIRECT_6DOF = replace(
     ACP_PAPER,
     name="direct-6dof",
     summary="acp-paper without control points: a pose is varied",
-    variables=PoseVariables(),
+    variables=PoseVariables(lengths="part"),
 )
 UNOPTIMISED_POINTS = replace(
     ACP_PAPER,

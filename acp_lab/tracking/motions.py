@@ -68,8 +68,8 @@ class ControlPointVariables:
             is (the paper); "homography", it is asked at the rigid neighbour of I, and its edges are moved by the
             homography from there to I (see `sources.residual`).
         lengths: painted edges count by their length in the "image", as in the paper, or on the "part", as the CAD's
-            samples do (`EdgeLifter.by_length_on_part`). The latter needs painted ridges and direction = "rigid", which
-            knows their CAD edges. A deviation from the paper, not a default.
+            samples do anyway (`EdgeLifter.by_length_on_part`). Of painted ridges only direction = "rigid" knows the CAD
+            edges.
     """
 
     kind: ClassVar[str] = "control-points"

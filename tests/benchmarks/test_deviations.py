@@ -25,7 +25,7 @@ from tests.prepared_sample import sample_model, sample_scene
 
 def test_each_step_changes_one_part() -> None:
     named = steps()
-    path = list(named.values())[:6]
+    path = list(named.values())[:7]
     assert path[0] == METHODS["acp-paper-literal"]
     assert path[-1] == METHODS["acp-paper"]
     parts = [item.name for item in fields(path[0]) if item.name not in ("name", "summary")]
@@ -33,7 +33,7 @@ def test_each_step_changes_one_part() -> None:
         {name for name in parts if getattr(before, name) != getattr(after, name)}
         for before, after in itertools.pairwise(path)
     ]
-    assert changed == [{"variables"}, {"source"}, {"targets"}, {"schedule"}, {"variables"}]
+    assert changed == [{"variables"}, {"source"}, {"targets"}, {"schedule"}, {"variables"}, {"variables"}]
 
 
 def test_what_is_taken_away_is_one_deviation_of_the_whole_path() -> None:
@@ -47,8 +47,10 @@ def test_what_is_taken_away_is_one_deviation_of_the_whole_path() -> None:
     ):
         assert named[step] == replace(paper, **{part: getattr(literal, part)}), step
         assert named[step] != paper
-    # Without the rigid direction it is the step before.
-    assert named["+ annealed alpha"] == replace(paper, variables=replace(paper.variables, direction="homography"))
+    # Without the lengths on the part it is the step before; without the rigid direction, which they need, that before.
+    assert named["+ rigid direction"] == replace(paper, variables=replace(paper.variables, lengths="image"))
+    by_homography = replace(paper.variables, direction="homography", lengths="image")
+    assert named["+ annealed alpha"] == replace(paper, variables=by_homography)
     assert set(CAUSES) <= set(named)
     for edges in ("true images", "exact edges"):
         by_homography, rigid = named[edges], named[f"{edges}, rigid direction"]

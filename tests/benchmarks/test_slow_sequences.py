@@ -25,19 +25,14 @@ def test_every_method_is_a_step_of_the_path() -> None:
     assert set(METHODS.values()) <= set(named)
     paper = TRACKING["acp-paper"]
     assert named[METHODS["painted edges"]] == paper
-    by_homography = replace(paper, variables=replace(paper.variables, direction="homography"))
+    in_image = replace(paper, variables=replace(paper.variables, lengths="image"))
+    assert named[METHODS["painted edges, lengths in the image"]] == in_image
+    by_homography = replace(paper, variables=replace(in_image.variables, direction="homography"))
     assert named[METHODS["painted edges, by homography"]] == by_homography
     for ending in ("", ", by homography"):
         painted, exact = (named[METHODS[f"{edges} edges{ending}"]] for edges in ("painted", "exact"))
         assert replace(exact, source=painted.source) == painted
         assert exact.source != painted.source
-
-
-@pytest.mark.parametrize("name", ["painted edges", "painted edges, rigidity prior", "direct-6dof"])
-def test_lengths_on_the_part_are_all_that_differs(name: str) -> None:
-    as_painted, counted = (steps()[METHODS[f"{name}{ending}"]] for ending in ("", ", lengths on the part"))
-    assert counted.variables.lengths == "part"
-    assert replace(counted, variables=as_painted.variables) == as_painted
 
 
 def test_rows_are_means_over_sequences_with_intervals() -> None:

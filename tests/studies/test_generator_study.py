@@ -30,7 +30,8 @@ from acp_lab.studies.true_edges import TrueEdges
 from tests.made_parts import bracket
 
 REGION = ALL_REGIONS[4]
-CONFIG = EdgeImageConfig(nearest=3.0, farthest=6.0, overlap=0.0)
+SIZE = 128
+CONFIG = EdgeImageConfig(size=SIZE, nearest=3.0, farthest=6.0, overlap=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def test_views_are_seen_by_their_own_camera(part: Part, views: list[StudyView]) 
     for view in views:
         pose = view.edges.frame.canonical_T_obj
         np.testing.assert_allclose(view.camera.project(transform(pose, view.points_obj)), view.points, atol=1e-9)
-        assert view.image().shape == (128, 128)
+        assert view.image().shape == (SIZE, SIZE)
         # The brightest pixels are where the true points are.
         x, y = np.round(view.true_points).astype(int).T
         assert np.median(view.image()[y, x]) > 0.8
@@ -106,10 +107,10 @@ def test_a_painter_is_read_by_its_ridges(views: list[StudyView]) -> None:
 def test_a_black_picture_is_wrong_by_its_side(views: list[StudyView]) -> None:
     class Black:
         def edge_image(self, points: FloatArray, region: int, point_set: str) -> np.ndarray:
-            return np.zeros((128, 128), np.float32)
+            return np.zeros((SIZE, SIZE), np.float32)
 
     score = score_painter(Black(), REGION.index, views)  # type: ignore[arg-type]
-    assert score.quality == GenerationQuality(128.0, 128.0, 0.0)
+    assert score.quality == GenerationQuality(SIZE, SIZE, 0.0)
 
 
 def test_pulled_points_still_give_a_rigid_part(part: Part, views: list[StudyView]) -> None:

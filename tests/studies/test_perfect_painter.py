@@ -17,7 +17,7 @@ from acp_lab.generator.painted.quality import generation_quality
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart, Trained
-from acp_lab.studies.painting_bias import PaintingBench
+from acp_lab.studies.painting_bias import PaintingBench, PaintingBias
 from acp_lab.studies.perfect_painter import PerfectlyPainted, PerfectPainter, perfectly_painted
 from acp_lab.tracking.method import METHODS
 from acp_lab.tracking.sources.residual import ResidualHomography
@@ -39,15 +39,26 @@ def painted(model: PreparedPart) -> PerfectlyPainted:
     return perfectly_painted(model, (REGION,))
 
 
-@pytest.mark.parametrize("direction", [(0.4, 0.3, 1.0), (-0.8, 0.1, 1.0), (0.05, -0.7, 1.0)])
-def test_its_ridges_show_the_true_pose(painted: PerfectlyPainted, direction: tuple[float, float, float]) -> None:
-    """Also of a part with edges that the part itself hides, and from steep."""
-    pose = looking_at(painted.part, np.array(direction), 330.0, 0.3)
-    found = PaintingBench(painted).bias(CAMERA, pose)
-    assert len(found.edges) > 150
-    assert found.add_share < 0.004
-    assert found.mean_off_px < 0.25
-    assert np.isnan(found.off_px).mean() < 0.1
+DIRECTIONS = ((0.4, 0.3), (-0.8, 0.1), (0.05, -0.7), (-0.6, 0.1), (-0.7, 0.3), (0.2, 0.2), (0.7, 0.7), (-0.3, -0.5))
+
+
+def biases(painted: PerfectlyPainted) -> list[PaintingBias]:
+    """Of views from many directions: the part hides some of its edges, and is seen from steep."""
+    bench = PaintingBench(painted)
+    return [bench.bias(CAMERA, looking_at(painted.part, np.array([*d, 1.0]), 330.0, 0.3)) for d in DIRECTIONS]
+
+
+def test_its_ridges_show_the_true_pose(model: PreparedPart, painted: PerfectlyPainted) -> None:
+    """Nearly always; where two lines touch in the picture they pull each other, more so in a smaller one."""
+    found = biases(painted)
+    for bias in found:
+        assert len(bias.edges) > 150
+        assert bias.add_share < 0.01
+        assert bias.mean_off_px < 0.25
+        assert np.isnan(bias.off_px).mean() < 0.1
+    smaller = biases(perfectly_painted(model, (REGION,), 128))
+    assert np.median([bias.add_share for bias in found]) < 0.001
+    assert np.median([bias.add_share for bias in found]) < 0.7 * np.median([bias.add_share for bias in smaller])
 
 
 def test_it_paints_what_the_control_points_say(painted: PerfectlyPainted) -> None:

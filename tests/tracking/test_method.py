@@ -99,7 +99,7 @@ def first(sequence: MadeSequence) -> tuple[Frame, FloatArray]:
 
 def test_ablations_change_one_thing() -> None:
     changes: tuple[tuple[Method, dict[str, Any]], ...] = (
-        (DIRECT_6DOF, {"variables": PoseVariables()}),
+        (DIRECT_6DOF, {"variables": PoseVariables(lengths="part")}),
         (UNOPTIMISED_POINTS, {"control_points": "mid-section"}),
     )
     for method, change in changes:
@@ -107,10 +107,11 @@ def test_ablations_change_one_thing() -> None:
         assert method != replace(ACP_PAPER, name=method.name, summary=method.summary)
 
 
-def test_the_literal_path_lacks_the_five_deviations_and_nothing_else() -> None:
+def test_the_literal_path_lacks_the_six_deviations_and_nothing_else() -> None:
     paper = replace(ACP_PAPER, name=ACP_PAPER_LITERAL.name, summary=ACP_PAPER_LITERAL.summary)
     back: tuple[dict[str, Any], ...] = (
-        {"variables": replace(ACP_PAPER.variables, direction="homography")},
+        {"variables": replace(ACP_PAPER.variables, lengths="image")},
+        {"variables": replace(ACP_PAPER.variables, lengths="image", direction="homography")},
         {"variables": ControlPointVariables(carry="points")},
         {"source": replace(ACP_PAPER.source, frame="prediction")},
         {"targets": (DistanceMap(),)},

@@ -442,16 +442,16 @@ def test_motions_weigh_painted_edges_when_asked(
     np.testing.assert_allclose(weighed.weights, asked[known], rtol=1e-3)
 
 
-def test_lengths_on_the_part_need_a_rigid_direction() -> None:
+def test_lengths_on_the_part_need_the_cad_edge_of_an_edge_point() -> None:
+    """A homography of painted ridges knows none; a rigid direction and samples of the CAD model do."""
     paper = METHODS["acp-paper"]
     assert isinstance(paper.variables, ControlPointVariables)
-    assert replace(paper, variables=replace(paper.variables, lengths="part")).variables.lengths == "part"
-    with pytest.raises(TrackingError, match=r"variables\.lengths"):
-        replace(paper, variables=replace(paper.variables, direction="homography", lengths="part"))
-
-
-def test_lengths_on_the_part_are_for_painted_ridges() -> None:
-    """Samples of the CAD model would ignore the setting."""
-    painted_pose = replace(METHODS["direct-6dof"], variables=PoseVariables(lengths="part"))
-    with pytest.raises(TrackingError, match=r"variables\.lengths.*painted-ridges"):
-        replace(painted_pose, source=METHODS["acp"].source)
+    by_homography = replace(paper.variables, direction="homography")
+    with pytest.raises(TrackingError, match=r"variables\.lengths.*direction = \"rigid\", or lengths = \"image\""):
+        replace(paper, variables=by_homography)
+    for good in (
+        {"variables": replace(by_homography, lengths="image")},
+        {"variables": PoseVariables(lengths="part")},
+        {"source": METHODS["acp"].source, "variables": by_homography},
+    ):
+        assert replace(paper, **good) != paper  # type: ignore[arg-type]

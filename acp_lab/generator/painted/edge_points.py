@@ -72,18 +72,19 @@ class RidgePoints:
 def ridge(edge_image: Float32Array, threshold: float = RIDGE_THRESHOLD) -> RidgePoints:
     """Sub-pixel points where the image (h, w) has a ridge brighter than `threshold`."""
     smooth = _smooth(edge_image)
-    dx, dy, dxx, dxy, dyy = _derivatives(np.log(smooth + DARKEST))
+    # Most of an edge image is black: all else is asked of the bright pixels alone.
+    rows, columns = np.nonzero(smooth > 0.5 * threshold)
+    dx, dy, dxx, dxy, dyy = _derivatives(np.log(smooth + DARKEST), rows, columns)
     # The eigenvector of the stronger, negative curvature: the direction across.
     middle, spread = 0.5 * (dxx + dyy), np.hypot(0.5 * (dxx - dyy), dxy)
     across = middle - spread
     angle = 0.5 * np.arctan2(2.0 * dxy, dxx - dyy) + 0.5 * np.pi
     nx, ny = np.cos(angle), np.sin(angle)
     step = -(dx * nx + dy * ny) / np.minimum(across, -LEAST_CURVATURE)
-    bright = (smooth > 0.5 * threshold) & (across < -LEAST_CURVATURE)
     near = (np.abs(step * nx) <= LARGEST_OFFSET_PX) & (np.abs(step * ny) <= LARGEST_OFFSET_PX)
-    rows, columns = np.nonzero(bright & near)
-    step, nx, ny = (a[rows, columns].astype(np.float64) for a in (step, nx, ny))
-    points = np.column_stack([columns + step * nx, rows + step * ny])
+    found = np.flatnonzero(near & (across < -LEAST_CURVATURE))
+    step, nx, ny = (a[found].astype(np.float64) for a in (step, nx, ny))
+    points = np.column_stack([columns[found] + step * nx, rows[found] + step * ny])
     strengths = sample_bilinear(edge_image, points)
     kept = strengths > threshold
     return RidgePoints(points[kept], np.column_stack([ny, -nx])[kept], np.minimum(strengths[kept], 1.0))
@@ -105,8 +106,8 @@ def threshold(edge_image: Float32Array, level: float = RIDGE_THRESHOLD) -> Ridge
         if int(lines.sum()) == before:
             break
     rows, columns = np.nonzero(lines)
-    _, _, dxx, dxy, dyy = _derivatives(_smooth(edge_image))
-    angle = 0.5 * np.arctan2(2.0 * dxy, dxx - dyy)[rows, columns].astype(np.float64)
+    _, _, dxx, dxy, dyy = _derivatives(_smooth(edge_image), rows, columns)
+    angle = 0.5 * np.arctan2(2.0 * dxy, dxx - dyy).astype(np.float64)
     points = np.column_stack([columns, rows]).astype(np.float64)
     strengths = np.clip(edge_image[rows, columns].astype(np.float64), 0.0, 1.0)
     return RidgePoints(points, np.column_stack([np.cos(angle), np.sin(angle)]), strengths)
@@ -174,16 +175,19 @@ def _smooth(image: np.ndarray) -> np.ndarray:
     return cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
 
 
-def _derivatives(smooth: np.ndarray) -> tuple[np.ndarray, ...]:
-    """First and second differences, per px and per px^2: dx, dy, dxx, dxy, dyy."""
+def _derivatives(smooth: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, ...]:
+    """First and second differences at pixels (n,), per px and per px^2: dx, dy, dxx, dxy, dyy, each (n,)."""
     padded = cv2.copyMakeBorder(smooth, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-    left, right = padded[1:-1, :-2], padded[1:-1, 2:]
-    up, down = padded[:-2, 1:-1], padded[2:, 1:-1]
-    dxy = 0.25 * (padded[2:, 2:] - padded[2:, :-2] - padded[:-2, 2:] + padded[:-2, :-2])
+
+    def at(dx: int, dy: int) -> np.ndarray:
+        return np.asarray(padded[rows + (1 + dy), columns + (1 + dx)])
+
+    middle, left, right, up, down = at(0, 0), at(-1, 0), at(1, 0), at(0, -1), at(0, 1)
+    dxy = 0.25 * (at(1, 1) - at(-1, 1) - at(1, -1) + at(-1, -1))
     return (
         0.5 * (right - left),
         0.5 * (down - up),
-        left - 2.0 * smooth + right,
+        left - 2.0 * middle + right,
         dxy,
-        up - 2.0 * smooth + down,
+        up - 2.0 * middle + down,
     )

@@ -17,7 +17,7 @@ from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import View
-from acp_lab.tracking.sources.lift import EdgeLifter, nearest_within
+from acp_lab.tracking.sources.lift import EdgeLifter, may_be_within, nearest_within
 from acp_lab.tracking.sources.rigid import RigidSource
 from tests.made_parts import looking_at
 from tests.tracking.views import prior_of, view_at
@@ -84,3 +84,32 @@ def test_nearest_within_is_the_nearest_of_all(count: int, asked: int, seed: int)
     for k in range(asked):
         best = away[k].min(initial=np.inf)
         assert (found[k] == -1) if best >= 3.0 else away[k, found[k]] == pytest.approx(best, abs=1e-12)
+
+
+# ---- the quick look before rays are cast -----------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 10_000), far_px=st.sampled_from([0.5, 4.0, 30.0]), spread=st.sampled_from([3.0, 80.0]))
+def test_what_is_near_may_be_near(seed: int, far_px: float, spread: float) -> None:
+    """The quick look leaves out nothing that the exact one finds, and little else than what is near."""
+    rng = np.random.default_rng(seed)
+    places, points = (rng.normal(0.0, spread, (count, 2)) for count in (20, 60))
+    places[0] = points[0] = np.nan
+    may_be = may_be_within(places, points, far_px)
+    assert (nearest_within(places, points, far_px) < 0)[~may_be].all()
+    off = np.abs(points[may_be, None] - places[1:]).max(2).min(1)
+    assert (off <= 2.0 * far_px).all()
+
+
+def test_nothing_is_near_no_place() -> None:
+    points = np.zeros((3, 2))
+    for places in (np.empty((0, 2)), np.full((2, 2), np.nan)):
+        assert not may_be_within(places, points, 4.0).any()
+    assert not may_be_within(points, np.full((2, 2), 1e300), 4.0).any()
+    assert len(may_be_within(points, np.empty((0, 2)), 4.0)) == 0
+
+
+def test_places_far_apart_need_no_large_board() -> None:
+    places = np.array([[0.0, 0.0], [1e9, 1e9]])
+    points = np.array([[3.0, 0.0], [1e9, 1e9 - 3.0], [500.0, 500.0], [np.nan, 0.0]])
+    np.testing.assert_array_equal(may_be_within(places, points, 4.0), [True, True, False, False])
