@@ -16,7 +16,7 @@
     confidence  how likely a pose is right                     confidence
     uncertainty how exact it is, given that it is right        uncertainty
 
-`acp-paper` is the paper's path with the six deviations that it needs, one setting each: `variables.residual`,
+`acp-paper` is the paper's path with six deviations, one setting each: `variables.residual`,
 `source.frame`, `edge_map.orientation_bins`, `schedule.shares`, `variables.direction` and `variables.lengths`;
 `acp-paper-literal` is without them. The two ablations of Table III are `acp-paper` with one part changed.
 `acp-paper-samples` reads no positions off the painted image: it gates the CAD's own edge samples. Any other sum of
