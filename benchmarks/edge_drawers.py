@@ -14,12 +14,13 @@ import torch
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, normal_map
-from acp_lab.control_points.canonical_frame import CanonicalFrame
+from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, CanonicalFrame
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.motion_pairs import draw_samples, visible_rows
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.generator.base import RigidGenerator
-from acp_lab.generator.painted.autoencoder import Decoder, NetworkShape
+from acp_lab.generator.painted.autoencoder import Decoder
+from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.image_generator import AutoencoderGenerator, RegionAutoencoder
 from acp_lab.generator.painted.latent_regressor import LatentRegressor
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
@@ -53,8 +54,8 @@ Draw = Callable[[View], np.ndarray]
 
 
 def autoencoder(part: Part) -> Draw:
-    """t(I) of the paper, eq. 5: control points -> latent -> decoder, of the default size, untrained."""
-    shape = NetworkShape()
+    """t(I) of the paper, eq. 5: control points -> latent -> decoder, of the usual widths for 128 px, untrained."""
+    shape = AutoencoderConfig().painting(CANONICAL_SIZE).shape
     torch.manual_seed(SEED)
     regressor = LatentRegressor(shape)
     points_obj = [mid_section_points(part.box_min, part.box_max, region.axis) for region in ALL_REGIONS]

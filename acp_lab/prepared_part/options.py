@@ -36,7 +36,7 @@ class PrepareOptions:
             (`acp-paper`), or at the "prediction" for a frame (`acp-paper-literal`), see `edge_images.EdgeImageConfig`.
         device: of the auto-encoder's training: "cpu", "cuda" (a GPU), or "auto", a GPU where there is one.
         painting_px: side of what the auto-encoder paints, a multiple of 16; None for 192, or 128 with `fast`. Small
-            features need many: 192 px keep lines apart that flow into one on 128, for a fifth more time of training.
+            features need many: 192 px keep lines apart that flow into one on 128, for a quarter more time of training.
 
     Raises:
         PreparationError: a value that none of these allows, named as the command line's option.

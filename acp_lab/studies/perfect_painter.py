@@ -2,7 +2,7 @@
 
 It paints, of any rigid control points, the very edge image that a network is trained to paint. A tracker on its ridges
 is what the paper's path could be at best, in this canonical frame, read in this way; the way from there to exact edges
-is lost to the picture (lines closer than three pixels flow into one), the way from painted ones to there to training.
+is lost to the picture (lines closer than two pixels flow into one), the way from painted ones to there to training.
 """
 
 from __future__ import annotations

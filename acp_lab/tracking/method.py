@@ -21,7 +21,7 @@
 `acp-paper-literal` is without them. The two ablations of Table III are `acp-paper` with one part changed.
 `acp-paper-samples` reads no positions off the painted image: it gates the CAD's own edge samples. Any other sum of
 parts is a method too, by `dataclasses.replace` or from a TOML file (`method_file`). A sum in which some setting would
-be ignored is refused.
+be ignored is refused; `variables.lengths` is none, as CAD samples count by their length on the part with either.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class Method:
             ),
             (
                 self.variables.lengths == "image" or self._knows_cad_edges,
-                'variables.lengths = "part": a homography does not know the CAD edge of a painted edge point: '
+                'variables.lengths = "part": only a rigid direction or a pose knows the CAD edge of a painted point: '
                 'give direction = "rigid", or lengths = "image"',
             ),
             (
@@ -287,7 +287,7 @@ ACP_PAPER = Method(
 ACP_PAPER_LITERAL = replace(
     ACP_PAPER,
     name="acp-paper-literal",
-    summary="acp-paper as it is printed, without the deviations that it needs",
+    summary="acp-paper as it is printed, without its six deviations",
     source=PaintedRidges(frame="prediction"),
     variables=ControlPointVariables(carry="points"),
     targets=(DistanceMap(),),

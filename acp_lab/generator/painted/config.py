@@ -77,6 +77,8 @@ class AutoencoderConfig:
 
         Lines closer than about two pixels flow into one; larger pictures keep small features apart.
         """
+        if size == self.images.size == self.shape.size:
+            return self
         widths = _usual_widths(size)
         if self.shape.widths != _usual_widths(self.shape.size):
             coarse, middle, fine = (min(pair) for pair in zip(widths, self.shape.widths, strict=True))

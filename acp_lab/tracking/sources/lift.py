@@ -30,6 +30,8 @@ _SAMPLES = 3000
 _MOST_FORESHORTENED = 3.0
 # Of a board over the image; edge points thrown further apart are compared one by one.
 _MOST_SQUARES = 1e6
+# Beyond it, whole numbers of squares would not be told apart.
+_FARTHEST_SQUARE = 1e12
 
 
 class EdgeLifter:
@@ -97,7 +99,8 @@ class EdgeLifter:
 def may_be_within(places: FloatArray, points: FloatArray, far_px: float) -> BoolArray:
     """(n,) whether points (n, 2) lie in a square of side far_px with one of places (m, 2), or in one beside it.
 
-    So all that lie within far_px of a place are among them; and it takes a tenth of the time of `nearest_within`.
+    So all that lie within far_px of a place are among them, and it takes far less time than `nearest_within`, which
+    answers where places lie too far apart for a board of squares.
     """
     found = np.zeros(len(points), bool)
     rows, asked = (np.flatnonzero(np.isfinite(each).all(1)) for each in (places, points))
@@ -106,7 +109,7 @@ def may_be_within(places: FloatArray, points: FloatArray, far_px: float) -> Bool
     taken, squares = np.floor(places[rows] / far_px), np.floor(points[asked] / far_px)
     first = taken.min(0) - 1.0
     shape = taken.max(0) + 2.0 - first
-    if shape.prod() > _MOST_SQUARES:
+    if np.abs(taken).max() > _FARTHEST_SQUARE or shape.prod() > _MOST_SQUARES:
         return nearest_within(places, points, far_px) >= 0
     board = np.zeros(shape.astype(np.int64), np.uint8)
     board[tuple((taken - first).T.astype(np.int64))] = 1

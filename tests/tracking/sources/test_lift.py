@@ -113,3 +113,6 @@ def test_places_far_apart_need_no_large_board() -> None:
     places = np.array([[0.0, 0.0], [1e9, 1e9]])
     points = np.array([[3.0, 0.0], [1e9, 1e9 - 3.0], [500.0, 500.0], [np.nan, 0.0]])
     np.testing.assert_array_equal(may_be_within(places, points, 4.0), [True, True, False, False])
+    for far in (1e17, 1e200, 1e300):
+        assert may_be_within(np.full((1, 2), far), np.array([[far, far], [0.0, 0.0]]), 4.0).tolist() == [True, False]
+        assert may_be_within(np.array([[0.0, 0.0], [far, far]]), np.zeros((1, 2)), 4.0).all()
