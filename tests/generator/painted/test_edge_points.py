@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.edge_images import EdgeImageConfig, draw_strokes
-from acp_lab.generator.painted.edge_points import RidgePoints, ridge, ridge_motion, sample_bilinear, threshold
+from acp_lab.generator.painted.edge_points import (
+    RidgePoints,
+    _derivatives,
+    ridge,
+    ridge_motion,
+    sample_bilinear,
+    threshold,
+)
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 
 SIZE = 48
@@ -83,6 +90,25 @@ def test_layers_are_never_wider_for_larger_pictures(config: AutoencoderConfig) -
     assert all(wide <= usual for wide, usual in zip(larger.shape.widths, config.shape.widths, strict=True))
     assert larger.shape.widths[-1] <= min(config.shape.widths[-1], 32)
     assert larger.painting(128).shape.widths == (config.shape.widths if config.images.size == 128 else (64, 64, 48))
+
+
+def test_derivatives_at_some_pixels_are_those_of_the_whole_picture(rng: np.random.Generator) -> None:
+    """Also on the border, beyond which the picture goes on as it ends."""
+    picture = rng.random((9, 12)).astype(np.float32)
+    padded = np.pad(picture, 1, mode="edge").astype(np.float64)
+    by_x = 0.5 * (padded[:, 2:] - padded[:, :-2])
+    whole = (
+        by_x[1:-1],
+        0.5 * (padded[2:, 1:-1] - padded[:-2, 1:-1]),
+        np.diff(padded, 2, axis=1)[1:-1],
+        0.5 * (by_x[2:] - by_x[:-2]),
+        np.diff(padded, 2, axis=0)[:, 1:-1],
+    )
+    rows, columns = np.nonzero(picture > 0.4)
+    assert {0, 8} <= set(rows.tolist())
+    assert {0, 11} <= set(columns.tolist())
+    for found, expected in zip(_derivatives(picture, rows, columns), whole, strict=True):
+        np.testing.assert_allclose(found, expected[rows, columns], atol=1e-6)
 
 
 @pytest.mark.parametrize("find", [ridge, threshold])
