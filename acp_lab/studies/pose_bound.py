@@ -16,7 +16,7 @@ outlines and away from the middle of the visible edges for the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,9 +28,13 @@ from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import centre_position, step_jacobian
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+from acp_lab.tracking.method import ACP
 from acp_lab.tracking.start import LOOK_LEVEL
 from acp_lab.tracking.stopwatch import Stopwatch
 
+AS_THEY_ARE = replace(ACP, learning=SampleLearning(profiles=Off()))
+"""`acp`, but that it takes image edges for the CAD's, as long as nothing is learnt: what `edge_evidence` asks for."""
 LEAST_SAMPLES = 12
 """Of a class, for its offset and scatter; and of all."""
 LEAST_IN_STRETCH = 4
@@ -133,9 +137,14 @@ def robust_deviation(values: list[float]) -> float:
 def edge_evidence(solver: FrameSolver, frame: Frame, cam_T_true: FloatArray) -> EdgeEvidence | None:
     """The image edges beside a part at its true pose (4, 4); None where too few are found.
 
-    solver: of a method that searches along normals; what it has learnt is forgotten.
+    solver: of a method that searches along normals and takes image edges as they are; what it has learnt is forgotten.
+
+    Raises:
+        ParameterError: the method reads profiles, which say where the CAD's edges are in place of the image's.
     """
     solver.forget()
+    if solver.knowledge.profiles is not None:
+        raise ParameterError("evidence: image edges as they are: give a method such as AS_THEY_ARE")
     seen = solver.look(frame.image, frame.camera, cam_T_true, solver.choose_region(cam_T_true))
     looked = None if seen is None else solver.look_at(seen, seen.view.at_pose(cam_T_true), LOOK_LEVEL, Stopwatch())
     matches = None if looked is None else looked.judgement.matches

@@ -249,7 +249,7 @@ ACP = Method(summary="the best tracker here: CAD edges along normals, colours ac
 ACP_EDGES = replace(
     ACP,
     name="acp-edges",
-    summary="edges alone, searched along normals: acp without regions, motion prior and sight",
+    summary="edges alone, searched along normals: acp without regions, profiles, motion prior and sight",
     targets=(NormalSearch(plain_share=0.0),),
     priors=(ControlPointDamping(),),
     solver=GaussNewton(steps=3, damping=0.0),
@@ -257,7 +257,9 @@ ACP_EDGES = replace(
     sight=Off(),
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, measures=False),
     recovery=SecondTries(),
-    learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0), polarity=Off(), learn_above=0.7),
+    learning=SampleLearning(
+        offsets=OffsetConfig(follow_rate=0.0), polarity=Off(), profiles=Off(), learn_above=0.7
+    ),
     confidence=EDGES_ALONE,
     uncertainty=Off(),
 )

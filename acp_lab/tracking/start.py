@@ -55,7 +55,7 @@ class TrustedStart:
     turn_deg: float = 4.5
     finalists: int = 3
     agreement_alone: float = 0.8
-    bias_in_breaks: float = 1.0
+    bias_in_breaks: float = 0.5
     measures: bool = True
     shift_share: float = 0.06
     poses: int = 120

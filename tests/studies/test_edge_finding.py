@@ -12,10 +12,11 @@ from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.imaging.canny import CannyConfig
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.studies.edge_break import edge_offsets
+from acp_lab.studies.edge_break import edge_offsets, offsets_beside_profiles
 from acp_lab.studies.edge_finding import RULES, FindingConfig, FindingStudy, detector_counts, finding_study
 from acp_lab.studies.true_edges import TrueEdges
 from tests.made_parts import bracket, looking_at
+from tests.prepared_sample import sample_scene
 from tests.tracking.rendered import CAMERA, draw
 
 
@@ -114,3 +115,13 @@ def test_a_smaller_part_has_its_outlines_inside(truth: TrueEdges, pose: FloatArr
     assert str(inside).startswith("outlines: median -")
     with pytest.raises(SequenceError, match="choose others"):
         edge_offsets(truth, exact, 2, [0])  # type: ignore[arg-type]
+
+
+def test_profiles_tell_where_the_outlines_of_the_sample_belong() -> None:
+    """Its edges are broken by 0.25 mm; see `tests/tracking/learning/test_edge_profiles.py` for more."""
+    scene = sample_scene()
+    truth = TrueEdges(scene.dataset.part(1))
+    lies, told = (measure(truth, scene, 1, (5, 25)) for measure in (edge_offsets, offsets_beside_profiles))
+    assert np.median(lies.outline_mm) < -0.1
+    assert abs(np.median(told.outline_mm)) < 0.5 * abs(np.median(lies.outline_mm))
+    assert np.median(np.abs(told.outline_mm)) < 0.7 * np.median(np.abs(lies.outline_mm))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 
 import cv2
@@ -18,7 +19,12 @@ from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.learning.knowledge import Off, SampleLearning
+from acp_lab.tracking.method import ACP
+from acp_lab.tracking.start import TrustedStart
 
+AS_DRAWN = replace(ACP, learning=SampleLearning(profiles=Off()), start=TrustedStart(bias_in_breaks=1.0))
+"""`acp` for exact poses: profiles expect the edges of metal, which are mostly broken, not sharp edges of flat greys."""
 CAMERA = Camera(width=200, height=160, fx=320.0, fy=325.0, cx=99.5, cy=79.5)
 FINE = 3
 GAMMA = 1.4

@@ -30,7 +30,7 @@ from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.targets.distance_map import DistanceMap
 from acp_lab.tracking.targets.normals import NormalSearch, NormalTarget
 from tests.made_parts import looking_at
-from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
+from tests.tracking.rendered import AS_DRAWN, CAMERA, MadeSequence, add_percent
 
 REGION = 4
 BLACK = np.zeros((160, 200, 3), np.uint8)
@@ -41,7 +41,7 @@ RECORDED = replace(FROM_MAP, variables=ControlPointVariables(direction="autograd
 
 @pytest.fixture
 def solver(model: PreparedPart) -> FrameSolver:
-    return FrameSolver(model, ACP)
+    return FrameSolver(model, AS_DRAWN)
 
 
 @pytest.fixture

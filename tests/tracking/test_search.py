@@ -17,14 +17,13 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import Estimate
-from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import RING_PLAN
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import Cloud, SearchPlan, better, is_plausible, ring, search, search_around, search_cloud
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.targets.regions import RegionTarget
 from tests.made_parts import looking_at
-from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
+from tests.tracking.rendered import AS_DRAWN, CAMERA, MadeSequence, add_percent
 from tests.tracking.views import view_at
 
 REGION = 4
@@ -37,7 +36,7 @@ def truth(sequence: MadeSequence) -> FloatArray:
 
 @pytest.fixture
 def solver(model: PreparedPart) -> FrameSolver:
-    return FrameSolver(model, ACP)
+    return FrameSolver(model, AS_DRAWN)
 
 
 @pytest.fixture

@@ -17,12 +17,11 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off
-from acp_lab.tracking.method import ACP
 from acp_lab.tracking.start import TrustedStart, begin, is_trusted
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
-from tests.tracking.rendered import CAMERA, add_percent, draw, poses, prepared
+from tests.tracking.rendered import AS_DRAWN, CAMERA, add_percent, draw, poses, prepared
 
 INSET_MM = 0.2
 CONFIG = TrustedStart()
@@ -43,14 +42,14 @@ def truth(request: pytest.FixtureRequest, part: Part) -> FloatArray:
 
 @pytest.fixture
 def solver(model: PreparedPart) -> FrameSolver:
-    return FrameSolver(model, ACP)
+    return FrameSolver(model, AS_DRAWN)
 
 
 @pytest.mark.parametrize("inset_mm", [0.0, INSET_MM], ids=["as in the CAD", "inset by 0.2 mm"])
 def test_an_exact_start_is_trusted_and_kept(
     part: Part, model: PreparedPart, truth: FloatArray, inset_mm: float
 ) -> None:
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     result = tracker.start(first_frame(part, truth, inset_mm), truth)
     assert tracker.start_was_trusted
     np.testing.assert_array_equal(result.cam_T_obj, truth)
@@ -64,7 +63,7 @@ def test_a_disturbed_start_is_not_trusted_and_corrected(
     frame = first_frame(part, truth)
     for seed in range(2):
         start = disturb_pose(truth, part.box_centre, angle_deg, shift_mm, np.random.default_rng(seed))
-        tracker = Tracker(model)
+        tracker = Tracker(model, AS_DRAWN)
         result = tracker.start(frame, start)
         assert not tracker.start_was_trusted
         assert add_percent(part, result.cam_T_obj, truth) < 2.5
@@ -75,7 +74,7 @@ def test_a_start_that_the_frame_agrees_with_well_enough_is_weighed(part: Part, t
     """A degree off it tells which edges are the part's; that they lie where it says would be learnt wrongly."""
     frame = first_frame(part, truth, INSET_MM)
     start = disturb_pose(truth, part.box_centre, 1.0, 1.0, np.random.default_rng(seed))
-    tracker = Tracker(prepared(part, 0.25))
+    tracker = Tracker(prepared(part, 0.25), AS_DRAWN)
     result = tracker.start(frame, start)
     assert tracker.start_was_trusted
     assert add_percent(part, result.cam_T_obj, truth) < 0.65 * add_percent(part, start, truth)
@@ -114,7 +113,7 @@ def test_offsets_of_a_trusted_start_keep_the_part_at_its_depth(part: Part, model
     truth = poses(part, looking_at(part, np.array(WAYS["above"]), 330.0, 0.3), 6)
     inset = bracket(shift=(-400.0, -300.0, -500.0), inset_mm=INSET_MM)
     images = [draw([(inset, pose)], seed) for seed, pose in enumerate(truth)]
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
     for index in range(1, 6):
         result = tracker.track(Frame(index, images[index], CAMERA))
@@ -130,8 +129,8 @@ def test_offsets_of_a_trusted_start_keep_the_part_at_its_depth(part: Part, model
 def test_the_prior_stands_in_where_the_start_is_not_trusted(part: Part, model: PreparedPart, truth: FloatArray) -> None:
     frame = first_frame(part, truth, INSET_MM)
     start = disturb_pose(truth, part.box_centre, 2.0, 2.0, np.random.default_rng(0))
-    unaware = Tracker(model).start(frame, start)
-    aware = Tracker(prepared(part, INSET_MM / OffsetConfig().break_share)).start(frame, start)
+    unaware = Tracker(model, AS_DRAWN).start(frame, start)
+    aware = Tracker(prepared(part, INSET_MM / OffsetConfig().break_share), AS_DRAWN).start(frame, start)
     off = [add_percent(part, result.cam_T_obj, truth) for result in (unaware, aware)]
     assert off[0] > 3.0
     assert off[1] < 2.5
@@ -151,7 +150,7 @@ def test_equal_agreement_lets_the_solved_pose_lie_further_away(
     trusted: bool,
 ) -> None:
     pose = looking_at(part, np.array(WAYS["above"]), 330.0, 0.3)
-    solver, frame = FrameSolver(model, ACP), first_frame(part, pose)
+    solver, frame = FrameSolver(model, AS_DRAWN), first_frame(part, pose)
     away = pose.copy()
     # Along the line of sight: the part appears smaller by that share.
     away[:3, 3] += farther * centre_position(pose, part.box_centre)
@@ -171,7 +170,7 @@ def test_agreement_alone_trusts_a_start_however_far_the_solved_pose(
     part: Part, model: PreparedPart, monkeypatch: pytest.MonkeyPatch, farther: float, ratio: float, trusted: bool
 ) -> None:
     pose = looking_at(part, np.array(WAYS["above"]), 330.0, 0.3)
-    solver, frame = FrameSolver(model, ACP), first_frame(part, pose)
+    solver, frame = FrameSolver(model, AS_DRAWN), first_frame(part, pose)
     away = pose.copy()
     away[:3, 3] += farther * centre_position(pose, part.box_centre)
     seen = solver.look(frame.image, CAMERA, pose, 4)
@@ -191,7 +190,7 @@ def test_a_method_without_a_first_look_solves_from_the_given_pose(
     """It neither keeps the pose as it is nor searches around it."""
     frame = first_frame(part, truth)
     start = disturb_pose(truth, part.box_centre, 2.0, 2.0, np.random.default_rng(0))
-    tracker = Tracker(model, replace(ACP, start=Off()))
+    tracker = Tracker(model, replace(AS_DRAWN, start=Off()))
     for given in (truth, start):
         result = tracker.start(frame, given)
         assert not tracker.start_was_trusted

@@ -43,7 +43,7 @@ from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
 from tests.tracking.lit_part import lit_part
-from tests.tracking.rendered import CAMERA, MadeSequence, add_percent, draw, poses, prepared
+from tests.tracking.rendered import AS_DRAWN, CAMERA, MadeSequence, add_percent, draw, poses, prepared
 
 BY_MAP = replace(DIRECT_6DOF, name="by-map", source=CadSamples(), control_points="mid-section")
 
@@ -87,7 +87,7 @@ def assert_sound(result: TrackResult) -> None:
 
 
 def test_a_short_sequence_stays_below_two_per_cent(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     run = tracker.run(sequence, sequence.first_pose)
     results = run.results[1]
     assert [result.frame_id for result in results] == list(sequence.frame_ids)
@@ -101,12 +101,12 @@ def test_a_short_sequence_stays_below_two_per_cent(part: Part, model: PreparedPa
 
 def test_a_disturbed_start_is_corrected_on_the_way(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
     start = move_pose(sequence.first_pose, part.box_centre, np.array([0.03, 0.02, -0.03, 2.0, -1.0, 4.0]))
-    results = Tracker(model).run(sequence, start).results[1]
+    results = Tracker(model, AS_DRAWN).run(sequence, start).results[1]
     assert max(errors_percent(part, results, truth_of(sequence))) < 2.0
 
 
 def test_what_a_result_says_hangs_together(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
-    for result in Tracker(model).run(sequence, sequence.first_pose).results[1][:4]:
+    for result in Tracker(model, AS_DRAWN).run(sequence, sequence.first_pose).results[1][:4]:
         w = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[result.region].axis)
         np.testing.assert_allclose(result.control_points, CAMERA.project(transform(result.cam_T_obj, w)), atol=1e-9)
         # The pose comes back from the control points by planar PnP, as in the paper.
@@ -127,9 +127,9 @@ def test_what_a_result_says_hangs_together(part: Part, model: PreparedPart, sequ
 
 def test_the_same_frames_give_the_same_numbers(model: PreparedPart, sequence: MadeSequence) -> None:
     start = move_pose(sequence.first_pose, model.part.box_centre, np.array([0.03, 0.02, -0.03, 2.0, -1.0, 4.0]))
-    again = Tracker(model)
+    again = Tracker(model, AS_DRAWN)
     for tracker in (again, again):  # the second time after a session of its own: starting forgets
-        first = Tracker(model).run(sequence, start).results[1]
+        first = Tracker(model, AS_DRAWN).run(sequence, start).results[1]
         second = tracker.run(sequence, start).results[1]
         for a, b in zip(first, second, strict=True):
             np.testing.assert_array_equal(a.cam_T_obj, b.cam_T_obj)
@@ -144,7 +144,7 @@ def test_the_region_follows_the_view(part: Part, model: PreparedPart) -> None:
     spin = np.zeros(6)
     spin[:3] = start[:3, :3] @ np.radians([0.0, 0.0, 7.0])
     truth = poses(part, start, 10, spin)
-    tracker, results = Tracker(model), []
+    tracker, results = Tracker(model, AS_DRAWN), []
     for index, pose in enumerate(truth):
         frame = Frame(index, draw([(part, pose)], index, camera), camera)
         results.append(tracker.track(frame) if index else tracker.start(frame, start))
@@ -165,7 +165,7 @@ def test_a_part_that_was_hidden_is_found_at_once(part: Part, model: PreparedPart
     truth = poses(part, start, 14, np.array([0.01, -0.012, 0.008, 0.5, -0.3, 0.4]))
     pattern = np.random.default_rng(seed).integers(40, 200, (20, 25)).astype(np.uint8)
     board = cv2.cvtColor(cv2.resize(pattern, (CAMERA.width, CAMERA.height)), cv2.COLOR_GRAY2RGB)
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     results = []
     for index, pose in enumerate(truth):
         image = board.astype(np.uint8) if 6 <= index < 11 else draw([(part, pose)], index)
@@ -210,13 +210,13 @@ def test_several_parts_side_by_side(part: Part, model: PreparedPart) -> None:
     truth = {3: poses(part, left, 6, step), 8: poses(other, right, 6, step)}
     images = [draw([(part, truth[3][k]), (other, truth[8][k])], k) for k in range(6)]
     sequence = MadeSequence(list(images), truth)
-    trackers = {3: Tracker(model), 8: Tracker(prepared(other))}
+    trackers = {3: Tracker(model, AS_DRAWN), 8: Tracker(prepared(other), AS_DRAWN)}
     run = track_sequence(trackers, sequence, sequence.first_poses)
     for object_id, found in run.results.items():
         # The box is 43 px wide: 3% of its diameter away is a tenth of a pixel in size.
         assert max(errors_percent(camera_part[object_id], found, truth[object_id])) < 3.0
     # Each is tracked as if it were alone.
-    alone = Tracker(model).run(MadeSequence(list(images), {3: truth[3]}), left).results[3]
+    alone = Tracker(model, AS_DRAWN).run(MadeSequence(list(images), {3: truth[3]}), left).results[3]
     for a, b in zip(alone, run.results[3], strict=True):
         np.testing.assert_array_equal(a.cam_T_obj, b.cam_T_obj)
 
@@ -227,7 +227,7 @@ def test_several_parts_side_by_side(part: Part, model: PreparedPart) -> None:
 def test_an_unreadable_frame_gets_the_predicted_pose(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
     truth, images = truth_of(sequence), images_of(sequence)
     damaged = MadeSequence([*images[:5], None, *images[6:]], {1: truth})
-    results = Tracker(model).run(damaged, truth[0]).results[1]
+    results = Tracker(model, AS_DRAWN).run(damaged, truth[0]).results[1]
     blind = results[5]
     assert_sound(blind)
     assert blind.quality == 0.0
@@ -244,7 +244,7 @@ def test_an_unreadable_frame_gets_the_predicted_pose(part: Part, model: Prepared
 def test_frames_that_cannot_be_read_are_not_tracked(model: PreparedPart, sequence: MadeSequence) -> None:
     truth, images = truth_of(sequence), images_of(sequence)
     blind = MadeSequence([images[0], None, None, None, None, images[5], images[6]], {1: truth[:7]})
-    results = Tracker(model).run(blind, truth[0]).results[1]
+    results = Tracker(model, AS_DRAWN).run(blind, truth[0]).results[1]
     assert [str(result.state) for result in results[:5]] == ["tracking", "weak", "lost", "lost", "lost"]
     assert "the file is empty; tracking -> weak: quality 0.00" in results[1].note
     assert results[6].state is TrackState.TRACKING  # the next image that is seen says so
@@ -264,7 +264,7 @@ def test_a_start_that_is_no_pose_is_refused(
 ) -> None:
     frame = next(iter(sequence.frames()))
     assert isinstance(frame, Frame)
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     with pytest.raises(GeometryError, match=f"{model.part.name}: the start pose.*{message}"):
         tracker.start(frame, sequence.first_pose @ spoil)
     shifted = sequence.first_pose.copy()
@@ -279,7 +279,7 @@ def test_a_start_where_nothing_is_seen_says_so(model: PreparedPart, sequence: Ma
     frame = next(iter(sequence.frames()))
     assert isinstance(frame, Frame)
     grey = replace(frame, image=np.full_like(frame.image, 128))
-    result = Tracker(model).start(grey, sequence.first_pose)
+    result = Tracker(model, AS_DRAWN).start(grey, sequence.first_pose)
     assert result.state is TrackState.LOST
     assert "tracking -> lost" in result.note
 
@@ -300,7 +300,7 @@ def test_a_read_only_image_is_as_good_as_any(method: str, model: PreparedPart, s
 
 
 def test_an_unreadable_frame_without_a_camera(model: PreparedPart, sequence: MadeSequence) -> None:
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     tracker.start(next(iter(sequence.frames())), sequence.first_pose)  # type: ignore[arg-type]
     result = tracker.track(UnreadableFrame(2, None, "gone"))
     np.testing.assert_array_equal(result.cam_T_obj, sequence.first_pose)
@@ -312,7 +312,7 @@ def test_a_part_that_leaves_the_image_is_lost_and_found(part: Part, model: Prepa
     start = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
     offsets = [0, 10, 20, 35, 55, 80, 110, 150, 200, 200, 200, 200]
     truth = [move_pose(start, part.box_centre, np.array([0, 0, 0, float(x), 0, 0])) for x in offsets]
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     results = [tracker.start(Frame(0, draw([(part, start)]), CAMERA), start)]
     results += [tracker.track(Frame(k, draw([(part, truth[k])], k), CAMERA)) for k in range(1, len(truth))]
     for result in results:
@@ -335,7 +335,7 @@ def test_frames_that_show_nothing_bring_no_nan(
     else:
         made = {"black": np.zeros(shape), "white": np.full(shape, 255), "noise": rng.integers(0, 256, shape)}
         useless = made[kind].astype(np.uint8)
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
     tracker.track(Frame(1, images[1], CAMERA))
     blind = [tracker.track(Frame(index, useless, camera)) for index in range(2, 6)]
@@ -378,7 +378,7 @@ def test_a_jump_is_caught_by_a_second_look(part: Part, model: PreparedPart, sequ
 def test_a_start_that_shows_nothing_is_refused(model: PreparedPart, sequence: MadeSequence, pose: FloatArray) -> None:
     (frame,) = sequence.frames(1)
     with pytest.raises(TrackingError, match=r"bracket: at the start pose .* not seen in frame 0 \(200x160\)") as caught:
-        Tracker(model).start(frame, pose)  # type: ignore[arg-type]
+        Tracker(model, AS_DRAWN).start(frame, pose)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
 
 
@@ -389,7 +389,7 @@ def test_a_long_part_may_come_nearer_than_its_own_length() -> None:
     camera = Camera(360, 120, 160.0, 160.0, 179.5, 59.5)
     start = looking_at(part, np.array([0.0, 0.3, 1.0]), 107.0)
     truth = poses(part, start, 6, np.array([0.01, 0.0, 0.005, 0.0, 0.0, -3.0]))
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     assert tracker.generator_name == "learned"
     tracker.start(Frame(0, draw([(part, truth[0])], 0, camera), camera), truth[0])
     for index in range(1, 6):
@@ -401,7 +401,7 @@ def test_a_long_part_may_come_nearer_than_its_own_length() -> None:
 def test_a_camera_may_change_from_frame_to_frame(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
     truth = truth_of(sequence)
     zoomed = Camera(240, 180, 400.0, 390.0, 110.0, 95.0)
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     for index in range(4):
         camera = zoomed if index % 2 else CAMERA
         frame = Frame(index, draw([(part, truth[index])], index, camera), camera)
@@ -411,7 +411,7 @@ def test_a_camera_may_change_from_frame_to_frame(part: Part, model: PreparedPart
 
 def test_undistortion_counts_as_tracking_time(model: PreparedPart, sequence: MadeSequence) -> None:
     image = images_of(sequence)[0]
-    result = Tracker(model).start(Frame(0, image, CAMERA, undistort_s=5.0), sequence.first_pose)
+    result = Tracker(model, AS_DRAWN).start(Frame(0, image, CAMERA, undistort_s=5.0), sequence.first_pose)
     assert result.timings.undistort_s == 5.0
     assert result.timings.total_s > 5.0
 
@@ -468,7 +468,7 @@ def test_tracking_needs_a_start(model: PreparedPart, sequence: MadeSequence) -> 
 
 def test_looking_changes_nothing(model: PreparedPart, sequence: MadeSequence) -> None:
     frames = [frame for frame in sequence.frames(4) if isinstance(frame, Frame)]
-    plain, looking = Tracker(model), Tracker(model)
+    plain, looking = Tracker(model, AS_DRAWN), Tracker(model, AS_DRAWN)
     for tracker in (plain, looking):
         tracker.start(frames[0], sequence.first_pose)
     for frame in frames[1:]:
@@ -736,7 +736,7 @@ def test_a_picture_is_not_searched_with_another_camera(
     truth, images = truth_of(sequence), images_of(sequence)
     searched = list[int]()
     monkeypatch.setattr(Picture, "shift_in", lambda *_: searched.append(1))
-    tracker = Tracker(model)
+    tracker = Tracker(model, AS_DRAWN)
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
     tracker.track(Frame(1, images[1], CAMERA))
     assert searched == [1], "nothing is known of the motion yet, so the part is looked for"

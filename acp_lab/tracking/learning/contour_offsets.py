@@ -73,6 +73,10 @@ class OffsetConfig:
     follow_rate: float = 0.2
     follow_noise: float = 0.4
 
+    def expected_mm(self, edge_break_mm: float) -> float:
+        """Where outlines are expected beside the CAD's, outward, before any was measured."""
+        return -self.break_share * edge_break_mm
+
 
 @dataclass(frozen=True)
 class ExpectedOffsets:
@@ -92,12 +96,15 @@ class ExpectedOffsets:
 
 
 class ContourOffsets:
-    """Expected offset of every edge sample, as an outline and as an inner crease."""
+    """Expected offset of every edge sample, as an outline and as an inner crease.
 
-    def __init__(self, edges: EdgeSamples, diameter: float, edge_break_mm: float, config: OffsetConfig) -> None:
+    prior_mm: of outlines, outward, before any was measured.
+    """
+
+    def __init__(self, edges: EdgeSamples, diameter: float, prior_mm: float, config: OffsetConfig) -> None:
         self.config = config
         self.edges = edges
-        self.prior_mm = -config.break_share * edge_break_mm
+        self.prior_mm = prior_mm
         cells = np.floor((edges.points_obj - edges.points_obj.min(0)) / (config.cell_in_diameters * diameter))
         _, self._cell_of = np.unique(cells.astype(np.int64), axis=0, return_inverse=True)
         self._cell_of = self._cell_of.ravel()
@@ -130,7 +137,9 @@ class ContourOffsets:
         least, most = config.inner_limits
         return min(max(config.inner_spread * ratio**config.inner_power, least), most)
 
-    def expect(self, ids: IntArray, outline: BoolArray, directions_obj: FloatArray) -> ExpectedOffsets:
+    def expect(
+        self, ids: IntArray, outline: BoolArray, directions_obj: FloatArray, scatter_px: FloatArray | None = None
+    ) -> ExpectedOffsets:
         """Offsets of visible samples.
 
         Args:
@@ -138,6 +147,7 @@ class ContourOffsets:
             outline: (n,) bool.
             directions_obj: (n, 3) px per mm along the image normal, object frame
                 (`pose_step.image_directions` turned by the pose).
+            scatter_px: (n,) of each edge about its place before anything was learnt of it; 0 where nobody knows.
         """
         config = self.config
         total, total_sum = self._cell_count.sum(), self._cell_sum.sum()
@@ -146,7 +156,7 @@ class ContourOffsets:
         _expect(
             np.ascontiguousarray(ids), np.ascontiguousarray(outline), plain(directions_obj), self._outward_obj,
             self._cell_of, self._cell_count, self._cell_sum, self._sample_count, self._sample_sum, of_class,
-            self.inner_spread_mm, self._numbers, found,
+            self.inner_spread_mm, self._numbers, np.zeros(len(ids)) if scatter_px is None else scatter_px, found,
         )  # fmt: skip
         return ExpectedOffsets(*found)
 
@@ -211,12 +221,12 @@ class ContourOffsets:
 
 @kernel(
     "void(i8[::1], b1[::1], f8[:, ::1], f8[:, ::1], i8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[::1],"
-    " f8[:, ::1])"
+    " f8[::1], f8[:, ::1])"
 )
 def _expect(
     ids: IntArray, outline: BoolArray, directions_obj: FloatArray, outward_obj: FloatArray, cell_of: IntArray,
     cell_count: FloatArray, cell_sum: FloatArray, sample_count: FloatArray, sample_sum: FloatArray, of_class: float,
-    inner_spread: float, numbers: FloatArray, found: FloatArray,
+    inner_spread: float, numbers: FloatArray, scatter_px: FloatArray, found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (4, n): the fields of `ExpectedOffsets`. numbers: as `ContourOffsets` has them."""
     sample_inertia, cell_inertia, known_spread = numbers[0], numbers[1], numbers[2]
@@ -238,9 +248,16 @@ def _expect(
         else:
             role, coarse, spread, sign = 0, 0.0, inner_spread, 1.0
         offset = (sample_inertia * coarse + sample_sum[i, role]) / (sample_inertia + sample_count[i, role])
-        square = edge_spread * edge_spread
+        square, spread_square = edge_spread * edge_spread, (spread * scale) ** 2
+        if scatter_px[n] > 0.0:
+            own_square = scatter_px[n] * scatter_px[n]
+            if sample_count[i, role] > 0:
+                # What was measured and what the profile says are two measurements of one place.
+                spread_square = own_square * spread_square / (own_square + spread_square)
+            else:
+                spread_square = own_square
         found[0, n] = offset * sign * scale
-        found[1, n] = square / (square + (spread * scale) ** 2)
+        found[1, n] = square / (square + spread_square)
         found[2, n], found[3, n] = offset, sign * scale
 
 

@@ -1,7 +1,7 @@
 """What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
 
-And how far all outlines lie to their bright side. Each of the four can be switched off. All start empty in the first
-frame.
+And how far all outlines lie to their bright side. These four start empty in the first frame; what the profile of an
+image edge says of the CAD's was learnt long before. Each of the five can be switched off.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, plain
-from acp_lab.imaging.edge_search import Candidates
+from acp_lab.imaging.edge_search import Candidates, ImagePatch
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets, OffsetConfig
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
+from acp_lab.tracking.learning.edge_profiles import EdgeProfiles, EdgeViews, ProfileConfig, ProfileShifts
 from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
 
@@ -49,6 +50,7 @@ class SampleLearning:
     Attributes:
         memory: how each edge looked; offsets: where it lies beside the CAD's; reliability: how steadily it was found.
         polarity: how far all outlines are shifted towards their bright side.
+        profiles: where the CAD's edge lies beside an image edge, by what that looks like.
         learn_above: share of the running mean quality below which a frame teaches nothing.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
             every sample helps to find the way.
@@ -59,11 +61,13 @@ class SampleLearning:
     offsets: OffsetConfig | Off = field(default_factory=OffsetConfig)
     reliability: ReliabilityConfig | Off = field(default_factory=ReliabilityConfig)
     polarity: PolarityConfig | Off = field(default_factory=PolarityConfig)
+    profiles: ProfileConfig | Off = field(default_factory=ProfileConfig)
     learn_above: float = 0.5
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
-        if all(isinstance(part, Off) for part in (self.memory, self.offsets, self.reliability, self.polarity)):
+        parts = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles)
+        if all(isinstance(part, Off) for part in parts):
             raise TrackingError('learning: all its parts are off: give learning.kind = "off"')
 
 
@@ -113,7 +117,7 @@ class Matches:
 
 
 class SampleKnowledge:
-    """The memories of one tracked part; memory, offsets, reliability and polarity are None where they are off.
+    """The memories of one tracked part, and its profiles; each is None where it is off.
 
     edges: the part's 3D edge samples.
     """
@@ -126,27 +130,51 @@ class SampleKnowledge:
         self.offsets: ContourOffsets | None = None
         self.reliability: SampleReliability | None = None
         self.polarity: EdgePolarity | None = None
+        self.profiles: EdgeProfiles | None = None
         if not isinstance(config, SampleLearning):
             return
         if isinstance(config.memory, MemoryConfig):
             self.memory = EdgeMemory(len(edges), config.memory)
         if isinstance(config.offsets, OffsetConfig):
-            self.offsets = ContourOffsets(edges, model.part.diameter, model.edge_break_mm, config.offsets)
+            source = config.profiles if isinstance(config.profiles, ProfileConfig) else config.offsets
+            prior_mm = source.expected_mm(model.edge_break_mm)
+            self.offsets = ContourOffsets(edges, model.part.diameter, prior_mm, config.offsets)
         if isinstance(config.reliability, ReliabilityConfig):
             self.reliability = SampleReliability(len(edges), config.reliability)
         if isinstance(config.polarity, PolarityConfig):
             self.polarity = EdgePolarity(config.polarity)
+        if isinstance(config.profiles, ProfileConfig):
+            self.profiles = EdgeProfiles(config.profiles)
 
     def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:
         """(n, m) scores, less for candidates that contradict what their sample looked like."""
         return scores if self.memory is None else scores * self.memory.factors(sample_ids, candidates)
 
-    def expect(self, edges: GeneratedEdges, normals: FloatArray, at: Estimate) -> ExpectedOffsets | None:
-        """Where the image edges of samples lie beside the CAD's, with the estimate's pose."""
+    def read_profiles(
+        self, patch: ImagePatch, edges: GeneratedEdges, normals: FloatArray, candidates: Candidates, at: Estimate,
+        sigma_px: float, least: float,
+    ) -> ProfileShifts | None:  # fmt: skip
+        """Where the CAD's edges lie beside candidates with a score above `least`; None where nobody asks."""
+        if self.profiles is None or not self._is_fine(sigma_px):
+            return None
+        views = EdgeViews(self.edges, edges.sample_ids, edges.outline, at.cam_T_obj, at.view.camera.fx)
+        return self.profiles.read(patch, edges.points, normals, candidates, views, sigma_px, least)
+
+    def expect(
+        self, edges: GeneratedEdges, normals: FloatArray, at: Estimate, scatter_px: FloatArray | None = None
+    ) -> ExpectedOffsets | None:
+        """Where the image edges of samples lie beside the CAD's, with the estimate's pose.
+
+        scatter_px: (n,) of an edge about where it belongs, nothing being known of its offset; where it is told.
+        """
         if self.offsets is None:
             return None
         directions = at.lines(self.edges.points_obj[edges.sample_ids], normals).directions
-        return self.offsets.expect(edges.sample_ids, edges.outline, directions @ at.cam_T_obj[:3, :3])
+        directions_obj = directions @ at.cam_T_obj[:3, :3]
+        return self.offsets.expect(edges.sample_ids, edges.outline, directions_obj, scatter_px)
+
+    def _is_fine(self, sigma_px: float) -> bool:
+        return isinstance(self.config, SampleLearning) and sigma_px <= self.config.trust_from_sigma_px
 
     @property
     def shift_px(self) -> float:
@@ -155,7 +183,7 @@ class SampleKnowledge:
 
     def trust(self, edges: GeneratedEdges, expected: ExpectedOffsets | None, sigma_px: float) -> FloatArray | None:
         """(n,) weights in (0, 1] at a level of that sigma; None where all samples count alike."""
-        if not isinstance(self.config, SampleLearning) or sigma_px > self.config.trust_from_sigma_px:
+        if not self._is_fine(sigma_px):
             return None
         if self.reliability is None:
             return None if expected is None else expected.weights

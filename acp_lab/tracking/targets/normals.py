@@ -133,11 +133,18 @@ class NormalMeasure:
         scores = self.candidates.scores
         if use_memory:
             scores = knowledge.agreement(edges.sample_ids, self.candidates, scores)
-        self.expected = knowledge.expect(edges, self.normals, at)
+        self.shifts = knowledge.read_profiles(
+            target.patch, edges, self.normals, self.candidates, at, self.sigma_px, config.min_score
+        )
+        scatter_px, offsets = None, self.candidates.offsets
+        if self.shifts is not None:
+            offsets = offsets + self.shifts.shifts_px
+            scatter_px = self.shifts.of_nearest(scores, offsets, self.sigma_px)
+        self.expected = knowledge.expect(edges, self.normals, at, scatter_px)
         expected_px = np.zeros(len(edges)) if self.expected is None else self.expected.offsets_px
         self.scores, self.targets = np.empty((2, *scores.shape))
         _place(
-            self.candidates.offsets, self.candidates.gradients, scores, plain(edges.weights), edges.outline,
+            offsets, self.candidates.gradients, scores, plain(edges.weights), edges.outline,
             expected_px, knowledge.shift_px, config.min_score, self.scores, self.targets,
         )  # fmt: skip
         trust = knowledge.trust(edges, self.expected, self.sigma_px)

@@ -39,7 +39,7 @@ def seen_at(edges: EdgeSamples, pose: FloatArray) -> tuple[np.ndarray, BoolArray
 
 
 def fresh(edge_break_mm: float = 0.25, edges: EdgeSamples = EDGES, diameter: float = PART.diameter) -> ContourOffsets:
-    return ContourOffsets(edges, diameter, edge_break_mm, CONFIG)
+    return ContourOffsets(edges, diameter, CONFIG.expected_mm(edge_break_mm), CONFIG)
 
 
 def residuals_for(expected: ExpectedOffsets, offset_mm: float) -> FloatArray:

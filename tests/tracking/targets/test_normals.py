@@ -179,7 +179,7 @@ def test_expected_offsets_move_the_goal(
     at: Estimate, edges: GeneratedEdges, part: Part, measure: NormalMeasure
 ) -> None:
     """An outline that is seen a little inside is where it belongs."""
-    knowledge = SampleKnowledge(SampleLearning(), prepared(part, edge_break_mm=0.8))
+    knowledge = SampleKnowledge(SampleLearning(profiles=Off()), prepared(part, edge_break_mm=0.8))
     aware = target_of(at, NormalSearch(), knowledge).search(edges, at, LEVEL)
     assert aware.expected is not None
     np.testing.assert_allclose(aware.targets, aware.candidates.offsets - aware.expected.offsets_px[:, None])
@@ -190,6 +190,26 @@ def test_expected_offsets_move_the_goal(
     trust = knowledge.trust(edges, aware.expected, 1.0)
     assert trust is not None
     np.testing.assert_allclose(fine.weights, fine.assigned.weights * trust)
+
+
+def test_profiles_move_the_goal_on_fine_levels(at: Estimate, edges: GeneratedEdges, model: PreparedPart) -> None:
+    knowledge = SampleKnowledge(SampleLearning(polarity=Off()), model)
+    told = target_of(at, NormalSearch(), knowledge).search(edges, at, Level(5, 1.0))
+    assert told.shifts is not None
+    assert told.expected is not None
+    moved = told.candidates.offsets + told.shifts.shifts_px
+    np.testing.assert_allclose(told.targets, moved - told.expected.offsets_px[:, None])
+    assert np.abs(told.shifts.shifts_px).max() > 0.1
+    # How unsure a profile is weighs its sample.
+    plain = SampleKnowledge(SampleLearning(polarity=Off(), profiles=Off()), model)
+    expected = plain.expect(edges, edges.normals, at)
+    assert expected is not None
+    assert np.abs(told.expected.weights - expected.weights).max() > 0.1
+    coarse = target_of(at, NormalSearch(), knowledge).search(edges, at, Level(20, 6.0))
+    assert coarse.shifts is None
+    assert plain.read_profiles(
+        target_of(at, NormalSearch(), plain).patch, edges, edges.normals, told.candidates, at, 1.0, 0.0
+    ) is None  # fmt: skip
 
 
 def test_the_memory_weakens_what_looked_otherwise_but_not_when_poses_are_compared(

@@ -1,0 +1,1 @@
+"""What the network of edge profiles is trained on, and how: see `data_recipes.edge_profiles`."""

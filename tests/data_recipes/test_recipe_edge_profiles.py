@@ -1,0 +1,176 @@
+"""What the network of edge profiles is trained on, how, and its command."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from safetensors.numpy import load_file
+
+from acp_lab.errors import InputFileError
+from acp_lab.tracking.learning.edge_profiles import FEATURES, shipped_network
+from data_recipes import edge_profiles
+from data_recipes.metal.random_parts import random_part
+from data_recipes.profiles.examples import Examples, examples_of
+from data_recipes.profiles.stills import (
+    KNOWN_PARTS,
+    Stills,
+    plan_stills,
+    read_stills,
+    render_stills,
+    write_stills,
+)
+from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, save_network, train
+
+
+@pytest.mark.parametrize("seed", range(0, 40, 4))
+def test_random_parts_are_solid(seed: int) -> None:
+    part = random_part(seed)
+    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    assert mesh.is_volume
+    assert mesh.body_count == 1
+    np.testing.assert_allclose(part.vertices.min(0), -part.vertices.max(0), atol=1e-4)
+    assert 70 <= np.linalg.norm(np.ptp(part.vertices, axis=0)) <= 125.01
+    np.testing.assert_array_equal(part.vertices, random_part(seed).vertices)
+
+
+def test_random_parts_differ() -> None:
+    assert len({random_part(seed).vertices.tobytes() for seed in range(10)}) == 10
+
+
+def test_no_part_that_checks_is_trained_on() -> None:
+    from benchmarks.robustness import CHECKING
+
+    assert not CHECKING & set(KNOWN_PARTS)
+
+
+@pytest.fixture(scope="module")
+def stills() -> Stills:
+    return render_stills(3)
+
+
+def test_scenes_are_the_same_every_time(stills: Stills) -> None:
+    assert len(stills.images) == len(stills.cam_T_obj) == 6
+    assert stills.images[0].shape == (stills.camera.height, stills.camera.width, 3)
+    again = render_stills(3)
+    np.testing.assert_array_equal(stills.cam_T_obj, again.cam_T_obj)
+    assert np.abs(stills.images[2].astype(int) - again.images[2]).mean() < 0.5
+
+
+def test_scenes_differ_in_all_that_matters() -> None:
+    plans = [plan_stills(number) for number in range(40)]
+    assert {plan.config.kind for plan in plans} == {"regular", "reflection", "rotation", "occlusion", "fast"}
+    assert len({plan.config.edge_break_mm for plan in plans}) >= 5
+    assert 0.2 < np.mean([plan.part.name in KNOWN_PARTS for plan in plans]) < 0.5
+    # The views are far apart; what moves fast is exposed as if it did so between neighbouring frames.
+    exposed = {plan.config.kind: plan.exposure_frames for plan in plans}
+    assert exposed["fast"] > exposed["regular"]
+    assert max(plan.exposure_frames for plan in plans) < 0.1
+
+
+def test_views_are_kept_in_a_file(stills: Stills, tmp_path: Path) -> None:
+    path = tmp_path / "scene.npz"
+    write_stills(path, stills)
+    found = read_stills(path)
+    np.testing.assert_array_equal(found.cam_T_obj, stills.cam_T_obj)
+    np.testing.assert_array_equal(found.part.vertices, stills.part.vertices)
+    assert found.camera == stills.camera
+    assert found.edge_break_mm == stills.edge_break_mm
+    # Nine tenths of JPEG's quality.
+    assert np.abs(found.images[0].astype(int) - stills.images[0]).mean() < 5
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"no archive"])
+def test_a_damaged_file_is_named(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "scene.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputFileError, match=r"scene\.npz: holds no views"):
+        read_stills(path)
+
+
+def test_examples_say_where_the_cads_edges_are(stills: Stills) -> None:
+    """With poses a px to the right of the true ones, upright edges lie a px to the right of the candidates."""
+    examples = examples_of(stills)
+    assert len(examples) > 1000
+    assert examples.features.shape == (len(examples), FEATURES)
+    assert np.abs(examples.shifts_px).max() < 2.5
+    moved = examples_of(replace(stills, cam_T_obj=stills.cam_T_obj + _aside(stills, 1.0)))
+    assert abs(_to_the_right(examples)) < 0.3
+    assert _to_the_right(moved) == pytest.approx(1.0, abs=0.3)
+
+
+def _to_the_right(examples: Examples) -> float:
+    """Median px by which the CAD's upright edges lie to the right of their candidates."""
+    normal_x = examples.features[:, FEATURES - 2]
+    upright = np.abs(normal_x) > 0.9
+    return float(np.median(examples.shifts_px[upright] / normal_x[upright]))
+
+
+def _aside(stills: Stills, shift_px: float) -> np.ndarray:
+    step = np.zeros_like(stills.cam_T_obj)
+    step[:, 0, 3] = shift_px * stills.cam_T_obj[:, 2, 3] / stills.camera.fx
+    return step
+
+
+def test_a_hidden_part_teaches_nothing(stills: Stills) -> None:
+    assert len(examples_of(replace(stills, visible=np.zeros(6)))) == 0
+
+
+def made_examples(seed: int) -> Examples:
+    """The shift is what one feature says, more or less surely by another."""
+    rng = np.random.default_rng(seed)
+    features = rng.normal(0, 1, (3000, FEATURES)).astype(np.float32)
+    spread = np.where(features[:, 1] > 0, 0.5, 0.05)
+    return Examples(features, (0.4 * features[:, 0] + spread * rng.standard_normal(3000)).astype(np.float32))
+
+
+def test_training_finds_shift_and_spread(tmp_path: Path) -> None:
+    losses = list[float]()
+    config = ProfileTraining(hidden=16, epochs=12, batch=128)
+    network = train([made_examples(0), made_examples(1)], config, lambda done, loss: losses.append(loss))
+    held_out = made_examples(2)
+    assert losses[-1] < losses[0]
+    assert mean_loss(network, held_out) < constant_loss([made_examples(0)], [held_out]) - 0.5
+    found = network(held_out.features)
+    assert np.corrcoef(found[:, 0], held_out.features[:, 0])[0, 1] > 0.95
+    says = held_out.features[:, 1]
+    sure, unsure = (np.exp(found[rows, 1]).mean() for rows in (says < -1, says > 1))
+    assert sure < 0.4 * unsure
+    save_network(network, tmp_path / "weights.safetensors")
+    arrays = load_file(tmp_path / "weights.safetensors")
+    assert arrays.keys() == {"mean", "scale", *(f"{name}_{i}" for name in ("weight", "bias") for i in range(3))}
+
+
+def test_training_is_the_same_every_time() -> None:
+    config = ProfileTraining(hidden=8, epochs=1, batch=512)
+    one, other = (train([made_examples(0)], config)(made_examples(1).features) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_the_shipped_network_is_of_the_configured_size() -> None:
+    assert [weight.shape[1] for weight in shipped_network().weights] == [ProfileTraining().hidden] * 2 + [2]
+
+
+@pytest.mark.slow
+def test_the_command_renders_what_is_missing_and_trains(
+    tmp_path: Path, stills: Stills, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3):
+        write_stills(edge_profiles.scene_file(tmp_path, number), stills)
+    weights = tmp_path / "weights.safetensors"
+    asked = ["--out", str(tmp_path), "--scenes", "4", "--epochs", "1", "--weights", str(weights)]
+    assert edge_profiles.main(asked) == 0
+    found = capsys.readouterr()
+    assert "scene_00003: " in found.err
+    assert "scene_00002: " not in found.err
+    assert "loss on scenes held out" in found.out
+    assert load_file(weights)["mean"].shape == (FEATURES,)
+
+
+def test_too_few_scenes_are_refused(tmp_path: Path, stills: Stills, capsys: pytest.CaptureFixture[str]) -> None:
+    write_stills(edge_profiles.scene_file(tmp_path, 0), stills)
+    assert edge_profiles.main(["--out", str(tmp_path), "--scenes", "1"]) == 2
+    assert capsys.readouterr().err.startswith("error: --scenes 1: ")
