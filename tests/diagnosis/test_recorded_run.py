@@ -7,7 +7,7 @@ import numpy as np
 from acp_lab.diagnosis.recorded_run import first_loss, run_from_rows
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
-from tests.tracking.rendered import MadeSequence, draw, poses, prepared
+from tests.tracking.rendered import AS_DRAWN, MadeSequence, draw, poses, prepared
 
 
 def test_states_are_those_of_the_tracker_from_the_first_frame_on() -> None:
@@ -16,7 +16,7 @@ def test_states_are_those_of_the_tracker_from_the_first_frame_on() -> None:
     truth = poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3), 4)
     shown = [draw([(part, pose)], seed) for seed, pose in enumerate(truth[1:], 1)]
     sequence = MadeSequence([draw([]), *shown], {1: truth})
-    run = Tracker(prepared(part)).run(sequence, truth[0])
+    run = Tracker(prepared(part), AS_DRAWN).run(sequence, truth[0])
     again = run_from_rows(run.rows, sequence, {1: part}, "acp")
     assert [result.state for result in again.results[1]] == [result.state for result in run.results[1]]
     assert first_loss(again.results[1]) == 0
