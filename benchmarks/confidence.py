@@ -235,12 +235,10 @@ def _features(judged: list[Judged]) -> FloatArray:
 
 def _row(judged: list[Judged], confidence: Confidence) -> dict[str, float]:
     quality, error = qualities(judged, confidence), np.array([one.error for one in judged])
-    return {
-        "frames": len(judged),
-        "wrong": int((error > WRONG).sum()),
-        "auc": area_under_curve(quality, error <= WRONG),
-        "ece": calibration_error(quality, error < RIGHT),
-    }
+    wrong = int((error > WRONG).sum())
+    # Where none is wrong, or all are, there is no curve.
+    area = {"auc": area_under_curve(quality, error <= WRONG)} if 0 < wrong < len(error) else {}
+    return {"frames": len(judged), "wrong": wrong, **area, "ece": calibration_error(quality, error < RIGHT)}
 
 
 def _draw(judged: list[Judged], confidence: Confidence, path: Path) -> None:
