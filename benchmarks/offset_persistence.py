@@ -31,7 +31,7 @@ from acp_lab.studies.offset_persistence import (  # noqa: E402
     persistence_by_turn,
     seen_offsets,
 )
-from acp_lab.studies.pose_bound import AS_THEY_ARE, edge_evidence  # noqa: E402
+from acp_lab.studies.pose_bound import WITHOUT_PROFILES, edge_evidence  # noqa: E402
 from acp_lab.tracking.frame_solver import FrameSolver  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.runs import prepared_part_of, visible_frames  # noqa: E402
@@ -47,7 +47,7 @@ def of_scene(scene: BopScene, parts: Path) -> tuple[FloatArray, FloatArray] | No
     object_id, model = scene.object_ids[0], prepared_part_of(scene, parts)
     if model.part.symmetries:
         return None
-    solver, seen = FrameSolver(model, AS_THEY_ARE), list[SeenOffsets]()
+    solver, seen = FrameSolver(model, WITHOUT_PROFILES), list[SeenOffsets]()
     visible = visible_frames(scene.folder, object_id, scene.frame_ids)
     for frame in scene.frames():
         truth = scene.truth(frame.index, object_id)

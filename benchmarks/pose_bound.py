@@ -38,7 +38,7 @@ from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.studies.pose_bound import (  # noqa: E402
-    AS_THEY_ARE,
+    WITHOUT_PROFILES,
     AllowedError,
     EdgeEvidence,
     allowed_error,
@@ -89,7 +89,7 @@ def looked_at(scene: BopScene, parts: Path) -> Sequence | None:
     object_id, model = scene.object_ids[0], prepared_part_of(scene, parts)
     if model.part.symmetries:
         return None
-    solver = FrameSolver(model, AS_THEY_ARE)
+    solver = FrameSolver(model, WITHOUT_PROFILES)
     found = [(frame, scene.truth(frame.index, object_id)) for frame in scene.frames() if isinstance(frame, Frame)]
     known = [(frame, truth) for frame, truth in found if truth is not None]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame, _ in known])

@@ -44,9 +44,9 @@ def make(args: argparse.Namespace) -> None:
     # Imported late: they need the `recipes` extra, the options do not.
     from acp_lab.bench.workers import each
     from acp_lab.errors import ParameterError
-    from acp_lab.tracking.learning.edge_profiles import WEIGHTS
+    from acp_lab.tracking.learning.edge_profiles import WEIGHTS, save_network
     from data_recipes.profiles.examples import read_examples
-    from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, save_network, train
+    from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, train
 
     files = [scene_file(args.out, number) for number in range(args.scenes)]
     args.out.mkdir(parents=True, exist_ok=True)

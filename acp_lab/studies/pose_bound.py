@@ -33,8 +33,8 @@ from acp_lab.tracking.method import ACP
 from acp_lab.tracking.start import LOOK_LEVEL
 from acp_lab.tracking.stopwatch import Stopwatch
 
-AS_THEY_ARE = replace(ACP, learning=SampleLearning(profiles=Off()))
-"""`acp`, but that it takes image edges for the CAD's, as long as nothing is learnt: what `edge_evidence` asks for."""
+WITHOUT_PROFILES = replace(ACP, learning=SampleLearning(profiles=Off()))
+"""`acp`, but that it takes image edges as they are: what `edge_evidence` asks for."""
 LEAST_SAMPLES = 12
 """Of a class, for its offset and scatter; and of all."""
 LEAST_IN_STRETCH = 4
@@ -144,7 +144,7 @@ def edge_evidence(solver: FrameSolver, frame: Frame, cam_T_true: FloatArray) -> 
     """
     solver.forget()
     if solver.knowledge.profiles is not None:
-        raise ParameterError("evidence: image edges as they are: give a method such as AS_THEY_ARE")
+        raise ParameterError("evidence: image edges as they are: give a method such as WITHOUT_PROFILES")
     seen = solver.look(frame.image, frame.camera, cam_T_true, solver.choose_region(cam_T_true))
     looked = None if seen is None else solver.look_at(seen, seen.view.at_pose(cam_T_true), LOOK_LEVEL, Stopwatch())
     matches = None if looked is None else looked.judgement.matches

@@ -1,20 +1,17 @@
 """Trains the network of edge profiles: a shift and its spread for every candidate, by Student's likelihood.
 
-Its tails are heavy: every tenth candidate belongs to a shadow, a scratch or another edge, and says nothing of the rest.
+Its tails are heavy: a candidate that belongs to a shadow, a scratch or another edge says nothing of the rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.numpy import save_file
 from torch import Tensor
 
-from acp_lab.files import replacing
 from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.training_loop import AdamOneCycle, LossGradient, Training, batch_gradient
 from acp_lab.tracking.learning.edge_profiles import (
@@ -104,12 +101,3 @@ def constant_loss(shown: Sequence[Examples], held_out: Sequence[Examples]) -> fl
         spread = max(float(np.sqrt((weights * (shifts_px - shift) ** 2).mean())), 1e-6)
     answer = torch.tensor([[shift, float(np.log(spread))]])
     return float(np.mean([student_loss(answer, torch.from_numpy(one.shifts_px)).mean() for one in held_out]))
-
-
-def save_network(network: ProfileNetwork, path: Path) -> None:
-    """Write a network as the package reads it, whole or not at all."""
-    arrays = {"mean": network.mean, "scale": network.scale}
-    for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
-    with replacing(path, "the network") as temporary:
-        save_file(arrays, temporary)

@@ -11,7 +11,7 @@ import trimesh
 from safetensors.numpy import load_file
 
 from acp_lab.errors import InputFileError
-from acp_lab.tracking.learning.edge_profiles import FEATURES, shipped_network
+from acp_lab.tracking.learning.edge_profiles import FEATURES, save_network, shipped_network
 from data_recipes import edge_profiles
 from data_recipes.metal.random_parts import random_part
 from data_recipes.profiles.examples import Examples, examples_of
@@ -23,7 +23,7 @@ from data_recipes.profiles.stills import (
     render_stills,
     write_stills,
 )
-from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, save_network, train
+from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, train
 
 
 @pytest.mark.parametrize("seed", range(0, 40, 4))

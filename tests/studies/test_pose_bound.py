@@ -13,7 +13,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.pose_bound import (
-    AS_THEY_ARE,
+    WITHOUT_PROFILES,
     EdgeEvidence,
     allowed_error,
     edge_evidence,
@@ -21,6 +21,7 @@ from acp_lab.studies.pose_bound import (
     shown_step,
 )
 from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.method import ACP
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import CAMERA, add_percent, draw, prepared
 
@@ -149,7 +150,7 @@ def test_allowed_errors_are_those_of_poses_that_scatter_so() -> None:
 def test_shared_offset_and_scatter_are_read_off_an_image() -> None:
     """Outlines that lie 0.2 mm further in are measured so; what they share does not count as scatter."""
     truth = looking_at(PART, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
-    solver, found = FrameSolver(prepared(PART), AS_THEY_ARE), list[EdgeEvidence]()
+    solver, found = FrameSolver(prepared(PART), WITHOUT_PROFILES), list[EdgeEvidence]()
     for inset_mm in (0.0, 0.2):
         shown = bracket(shift=(-400.0, -300.0, -500.0), inset_mm=inset_mm)
         evidence = edge_evidence(solver, Frame(0, draw([(shown, truth)]), CAMERA), truth)
@@ -200,3 +201,9 @@ def test_stretches_scatter_about_what_their_class_shares() -> None:
 def _relative(above: FloatArray, below: FloatArray) -> FloatArray:
     root = np.linalg.inv(np.linalg.cholesky(below))
     return np.asarray(root @ above @ root.T)
+
+
+def test_evidence_of_a_method_that_reads_profiles_is_refused() -> None:
+    truth = looking_at(PART, np.array([1.0, 0.7, 0.5]), 300.0)
+    with pytest.raises(ParameterError, match="give a method such as WITHOUT_PROFILES"):
+        edge_evidence(FrameSolver(prepared(PART), ACP), Frame(0, draw([(PART, truth)]), CAMERA), truth)

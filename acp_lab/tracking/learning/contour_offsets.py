@@ -4,7 +4,8 @@ A machined part has broken edges of 0.2 to 0.4 mm that its CAD model does not: i
 the model's, the part looks smaller, and an edge tracker puts it 1 to 4% too far away while the
 overlay looks perfect. So every edge sample carries an expected offset in mm:
 
-* as a prior, outlines lie inside by a share of the edge break;
+* as a prior, outlines lie inside by a share of the edge break; where the profiles of image edges are read
+  (`edge_profiles`) these tell most of that, and offsets are what is left;
 * where the start pose can be trusted, the offsets of all samples in the first frame are measured, and
   neighbours that were not seen take the mean of their cell of space;
 * inner creases are moved about by reflections on some parts and are the steadiest of all on others;
@@ -228,7 +229,9 @@ def _expect(
     cell_count: FloatArray, cell_sum: FloatArray, sample_count: FloatArray, sample_sum: FloatArray, of_class: float,
     inner_spread: float, numbers: FloatArray, scatter_px: FloatArray, found: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill found (4, n): the fields of `ExpectedOffsets`. numbers: as `ContourOffsets` has them."""
+    """Fill found (4, n): the fields of `ExpectedOffsets`. numbers: as `ContourOffsets` has them; scatter_px: (n,), see
+    `ContourOffsets.expect`.
+    """
     sample_inertia, cell_inertia, known_spread = numbers[0], numbers[1], numbers[2]
     cell_spread, unknown_spread, edge_spread = numbers[3], numbers[4], numbers[5]
     for n in range(len(ids)):

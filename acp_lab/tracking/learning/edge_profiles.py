@@ -19,10 +19,12 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from safetensors.numpy import load_file, save_file
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
+from acp_lab.files import replacing
 from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search import Candidates, ImagePatch
 from acp_lab.imaging.edge_search_kernel import read_profile
@@ -151,9 +153,21 @@ class ProfileNetwork:
 @lru_cache(maxsize=1)
 def shipped_network() -> ProfileNetwork:
     """The network that comes with the package."""
-    from safetensors.numpy import load_file
+    return read_network(WEIGHTS)
 
-    arrays = load_file(WEIGHTS)
+
+def save_network(network: ProfileNetwork, path: Path) -> None:
+    """Write a network, whole or not at all. Raises InputFileError where that cannot be done."""
+    arrays = {"mean": network.mean, "scale": network.scale}
+    for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        arrays |= {f"weight_{i}": weight, f"bias_{i}": bias}
+    with replacing(path, "the network") as temporary:
+        save_file(arrays, temporary)
+
+
+def read_network(path: Path) -> ProfileNetwork:
+    """What `save_network` wrote."""
+    arrays = load_file(path)
     layers = range(sum(name.startswith("weight") for name in arrays))
     return ProfileNetwork(
         tuple(np.ascontiguousarray(arrays[f"weight_{i}"]) for i in layers),
@@ -175,7 +189,7 @@ class ProfileShifts:
     shifts_px: FloatArray
     spreads_px: FloatArray
 
-    def of_nearest(self, scores: FloatArray, offsets: FloatArray, sigma_px: float) -> FloatArray:
+    def spread_of_best(self, scores: FloatArray, offsets: FloatArray, sigma_px: float) -> FloatArray:
         """(n,) spread of the candidate that fits best, by scores and offsets (n, m); 0 where none was described."""
         best = (scores * np.exp(-0.5 * (offsets / sigma_px) ** 2)).argmax(1)
         found: FloatArray = self.spreads_px[np.arange(len(best)), best]

@@ -139,7 +139,7 @@ class NormalMeasure:
         scatter_px, offsets = None, self.candidates.offsets
         if self.shifts is not None:
             offsets = offsets + self.shifts.shifts_px
-            scatter_px = self.shifts.of_nearest(scores, offsets, self.sigma_px)
+            scatter_px = self.shifts.spread_of_best(scores, offsets, self.sigma_px)
         self.expected = knowledge.expect(edges, self.normals, at, scatter_px)
         expected_px = np.zeros(len(edges)) if self.expected is None else self.expected.offsets_px
         self.scores, self.targets = np.empty((2, *scores.shape))

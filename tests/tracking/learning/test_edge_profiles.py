@@ -233,7 +233,7 @@ def test_the_spread_of_a_sample_is_that_of_its_nearest_good_candidate(image: np.
         patch, edges.points, edges.normals, candidates, views, ANY_PX, LEAST
     )  # fmt: skip
     offsets = candidates.offsets + found.shifts_px
-    spread = found.of_nearest(candidates.scores, offsets, 2.0)
+    spread = found.spread_of_best(candidates.scores, offsets, 2.0)
     for i in range(0, len(edges), 10):
         fits = candidates.scores[i] * np.exp(-0.5 * (offsets[i] / 2.0) ** 2)
         assert spread[i] == found.spreads_px[i, int(fits.argmax())]
