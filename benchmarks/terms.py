@@ -64,6 +64,7 @@ def without() -> dict[str, Method]:
         "the memory of edges": replace(ACP, learning=SampleLearning(memory=Off())),
         "expected offsets": replace(ACP, learning=SampleLearning(offsets=Off())),
         "edge profiles": replace(ACP, learning=SampleLearning(profiles=Off())),
+        "motion blur": replace(ACP, learning=SampleLearning(blur=Off())),
         "offsets that follow": replace(ACP, learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0))),
         "reliability": replace(ACP, learning=SampleLearning(reliability=Off())),
         "shifts to the bright side": replace(ACP, learning=SampleLearning(polarity=Off())),

@@ -1,6 +1,6 @@
 """Trains the network that says, by an edge's profile, where the CAD's edge lies beside it: acp_lab's `edge_profiles`.
 
-    python -m data_recipes.edge_profiles --out FOLDER [--scenes 400] [--jobs 2] [--weights FILE]
+    python -m data_recipes.edge_profiles --out FOLDER [--scenes 400] [--smeared 120] [--jobs 2] [--weights FILE]
 
 Renders scenes into FOLDER, one file each; those that are there are kept, so that a run that was cut off goes on. Then
 trains, tells how well the network does on every tenth scene, which it never saw, and writes its weights.
@@ -46,9 +46,11 @@ def make(args: argparse.Namespace) -> None:
     from acp_lab.errors import ParameterError
     from acp_lab.tracking.learning.edge_profiles import WEIGHTS, save_network
     from data_recipes.profiles.examples import read_examples
+    from data_recipes.profiles.stills import SMEARED
     from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, train
 
-    files = [scene_file(args.out, number) for number in range(args.scenes)]
+    numbers = [*range(args.scenes), *range(SMEARED, SMEARED + args.smeared)]
+    files = [scene_file(args.out, number) for number in numbers]
     args.out.mkdir(parents=True, exist_ok=True)
     missing = {file.stem: str(file.resolve()) for file in files if not file.exists()}
     for name, told in each(render_scene, missing, workers=args.jobs):
@@ -75,6 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m data_recipes.edge_profiles", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the rendered scenes, about 0.4 MB each")
     parser.add_argument("--scenes", type=count, default=400, help="how many, six views each (400)")
+    parser.add_argument("--smeared", type=whole, default=120, help="more of them, smeared by fast motion (120)")
     parser.add_argument("--epochs", type=count, default=20, help="of the training (20)")
     parser.add_argument("--seed", type=whole, default=0, help="of the training; scenes go by their numbers (0)")
     parser.add_argument("--jobs", type=count, default=1, help="scenes rendered at a time, a process each (1)")

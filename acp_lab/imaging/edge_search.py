@@ -19,13 +19,15 @@ import cv2
 import numpy as np
 
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
 from acp_lab.imaging.edge_search_kernel import strongest_peaks
 
 # Scharr's kernel sums to 32 per unit slope; dividing makes gradients grey levels per px.
 SCHARR_GAIN = 1.0 / 32.0
 # sRGB has about 2.2; many cameras brighten shadows less.
 DISPLAY_GAMMA = 1.8
+# A smear that is longer says little of where the edge is.
+_WIDEST_PX = 12.0
 
 
 @dataclass(frozen=True)
@@ -119,14 +121,29 @@ def _linear_light(gamma: float) -> Float32Array:
     return table
 
 
+def half_widths(blur_px: FloatArray) -> IntArray:
+    """(n,) px to either side over which slopes are averaged where motion smears an edge over blur_px (n,).
+
+    A smeared step has the same slope all over the smear, and the steepest place is anywhere in it; its mean over that
+    width is highest in the middle.
+    """
+    return np.minimum(0.5 * np.abs(blur_px), _WIDEST_PX).astype(np.int64)
+
+
 def search_along_normals(
-    patch: ImagePatch, points: FloatArray, normals: FloatArray, reach_px: int, config: SearchConfig
+    patch: ImagePatch,
+    points: FloatArray,
+    normals: FloatArray,
+    reach_px: int,
+    config: SearchConfig,
+    blur_px: FloatArray | None = None,
 ) -> Candidates:
     """The strongest image edges within `reach_px` of each point along its normal.
 
     Args:
         points: (n, 2) px, full image.
         normals: (n, 2) unit.
+        blur_px: (n,) over which motion smears edges along the normals, see `half_widths`; None for not at all.
 
     Returns:
         Candidates, the best of each point first, with m = `config.max_candidates`, or fewer where the reach is short.
@@ -135,5 +152,6 @@ def search_along_normals(
     count = min(config.max_candidates, 1 + reach_px // 2)
     found = np.zeros((5, len(points), count))
     start, directions = (np.ascontiguousarray(a, np.float64) for a in (points - patch.origin, normals))
-    strongest_peaks(patch.channels, start, directions, reach_px, config.contrast, patch.gamma, found)
+    halves = np.zeros(len(points), np.int64) if blur_px is None else half_widths(blur_px)
+    strongest_peaks(patch.channels, start, directions, reach_px, halves, config.contrast, patch.gamma, found)
     return Candidates(*found)

@@ -92,24 +92,43 @@ def local_maxima(along: FloatArray, margin: int, squares: FloatArray, places: In
     return count
 
 
-@kernel("void(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], i8, f8, f8, f8[:, :, ::1])")
+@kernel("void(f8[::1], i8, i8, f8[::1])")
+def average_along(values: FloatArray, first: int, half: int, found: FloatArray) -> None:
+    """Fill found (m,): the mean of 2 half + 1 neighbours about values[first], values[first + 1] and so on."""
+    total, share = 0.0, 1.0 / (2 * half + 1)
+    for k in range(first - half, first + half + 1):
+        total += values[k]
+    for k in range(len(found)):
+        found[k] = share * total
+        if k + 1 < len(found):
+            total += values[first + k + half + 1] - values[first + k - half]
+
+
+@kernel("void(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], i8, i8[::1], f8, f8, f8[:, :, ::1])")
 def strongest_peaks(
-    channels: Float32Array, points: FloatArray, normals: FloatArray, reach_px: int, contrast: float, gamma: float,
-    found: FloatArray,
+    channels: Float32Array, points: FloatArray, normals: FloatArray, reach_px: int, halves: IntArray, contrast: float,
+    gamma: float, found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (5, n, m), zeros before: offset, score, gradient, grey before and after, of the m best peaks.
 
     channels: (h, w, 3) gradient x and y in linear light, and grey. points: (n, 2) px of it; normals: (n, 2) unit.
+    halves: (n,) px to either side over which slopes are averaged.
     """
     most, middle = found.shape[2], reach_px + FLANK_PX
     if most == 0:
         return
-    profile, bend = np.empty((3, 2 * middle + 1)), np.float32(1.0 - gamma)
-    along, across, greys = profile[0], profile[1], profile[2]
+    room = 0
+    for i in range(len(halves)):
+        room = max(room, halves[i])
+    profile, bend = np.empty((3, 2 * (middle + room) + 1)), np.float32(1.0 - gamma)
+    along, across, greys = np.empty(2 * middle + 1), np.empty(2 * middle + 1), profile[2]
     squares, places, chosen = np.empty(len(along)), np.empty(len(along), np.int64), np.empty(most, np.int64)
     for i in range(len(points)):
         nx, ny = normals[i, 0], normals[i, 1]
-        read_profile(channels, points[i, 0] - middle * nx, points[i, 1] - middle * ny, nx, ny, profile)
+        start = middle + room
+        read_profile(channels, points[i, 0] - start * nx, points[i, 1] - start * ny, nx, ny, profile)
+        average_along(profile[0], room, halves[i], along)
+        average_along(profile[1], room, halves[i], across)
         kept = 0
         for place in range(local_maxima(along, FLANK_PX, squares, places)):
             k = places[place]
@@ -118,7 +137,7 @@ def strongest_peaks(
             if kept == most and score <= found[1, i, most - 1]:
                 continue
             # Grey levels per level of light, where the edge is.
-            encoded = np.float32(max(greys[k], _DARK) / 255.0) ** bend / gamma
+            encoded = np.float32(max(greys[room + k], _DARK) / 255.0) ** bend / gamma
             score *= squares[k] / (squares[k] + (contrast / encoded) ** 2)
             slot = kept
             if kept == most:
@@ -138,4 +157,5 @@ def strongest_peaks(
             before, peak, after = abs(along[k - 1]), abs(along[k]), abs(along[k + 1])
             curvature = min(before - 2.0 * peak + after, -_TINY)
             found[0, i, slot] = k - middle + min(max(0.5 * (before - after) / curvature, -0.5), 0.5)
-            found[3, i, slot], found[4, i, slot] = greys[k - FLANK_PX], greys[k + FLANK_PX]
+            beside = FLANK_PX + halves[i]
+            found[3, i, slot], found[4, i, slot] = greys[room + k - beside], greys[room + k + beside]

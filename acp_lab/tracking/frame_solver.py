@@ -87,11 +87,12 @@ class FrameSolver:
         margin_px: float | None = None,
         information: FloatArray | None = None,
         levels: tuple[Level, ...] | None = None,
+        motion: FloatArray | None = None,
     ) -> SeenFrame | None:
         """The frame around the part at a prior pose (4, 4).
 
-        information: (6, 6) how sure the prior is, see `frame_view.View`. levels: those that it will be solved with,
-        from the prior, where these are not the method's. None where the part is behind the camera or outside the image.
+        information, motion: (6, 6) and (6,), see `frame_view.View`. levels: those that it will be solved with, from the
+        prior, where these are not the method's. None where the part is behind the camera or outside the image.
         """
         margin_px = self.method.margin_px if margin_px is None else margin_px
         box = crop_box(self._corners_obj, prior, camera, margin_px)
@@ -102,7 +103,7 @@ class FrameSolver:
             # The less of the image is filtered the better; colours beside the part are read as they are.
             room_px = max(level.reach_px for level in levels) + _ROOM_PX
             edge_box = crop_box(self._outermost_obj, prior, camera, min(room_px, margin_px))
-        return self._seen(self.view(image, camera, prior, region, box, edge_box, information))
+        return self._seen(self.view(image, camera, prior, region, box, edge_box, information, motion))
 
     def afresh(self, seen: SeenFrame) -> SeenFrame:
         """The same frame, for a search: what targets keep of poses that they are asked for stays out of the other."""
@@ -120,6 +121,7 @@ class FrameSolver:
         box: Box,
         edge_box: Box | None = None,
         information: FloatArray | None = None,
+        motion: FloatArray | None = None,
     ) -> FrameView:
         """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1), or less of it for edges."""
         return FrameView(
@@ -130,6 +132,7 @@ class FrameSolver:
             self.part,
             self.source.canonical_size,
             information,
+            motion,
             image=image,
             box=box,
             edge_box=edge_box or box,

@@ -41,6 +41,8 @@ class View:
         canonical_size: px, side of the canonical image that the part's generator paints.
         prior_information: (6, 6) how sure the prior is, the inverse covariance of a pose step (rad, mm) about the
             part's centre; None where nobody knows.
+        motion: (6,) the pose step about the part's centre that it is expected to make from frame to frame, which smears
+            its edges while the shutter is open; None where nobody knows.
     """
 
     camera: Camera
@@ -50,6 +52,7 @@ class View:
     part: Part
     canonical_size: int = CANONICAL_SIZE
     prior_information: FloatArray | None = None
+    motion: FloatArray | None = None
 
     def at_pose(self, cam_T_obj: FloatArray) -> Estimate:
         """The estimate of a pose (4, 4)."""

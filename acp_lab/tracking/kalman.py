@@ -94,6 +94,11 @@ class PoseKalman:
         self._observed = False
         self._go_on(cam_T_obj, np.zeros(6), np.diag(np.concatenate([first, config.first_speed * first]) ** 2))
 
+    @property
+    def motion(self) -> FloatArray | None:
+        """(6,) the pose step to the next frame that is expected; None before a motion was seen."""
+        return self._velocity if self.moves else None
+
     def predict(self) -> FloatArray:
         """(4, 4) the pose expected in the next frame."""
         if self._last is None:

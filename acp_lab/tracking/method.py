@@ -258,7 +258,7 @@ ACP_EDGES = replace(
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, measures=False),
     recovery=SecondTries(),
     learning=SampleLearning(
-        offsets=OffsetConfig(follow_rate=0.0), polarity=Off(), profiles=Off(), learn_above=0.7
+        offsets=OffsetConfig(follow_rate=0.0), polarity=Off(), profiles=Off(), blur=Off(), learn_above=0.7
     ),
     confidence=EDGES_ALONE,
     uncertainty=Off(),

@@ -10,6 +10,7 @@ import numpy as np
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import so3_exp, so3_log, transform
+from acp_lab.geometry.pose_step import pose_step_between
 
 
 class Predictor(Protocol):
@@ -39,6 +40,11 @@ class Predictor(Protocol):
 
     def predict(self) -> FloatArray:
         """(4, 4) the pose expected in the next frame."""
+        ...
+
+    @property
+    def motion(self) -> FloatArray | None:
+        """(6,) the pose step to the next frame that is expected, see `frame_view.View`; None where nobody knows."""
         ...
 
     def information(self) -> FloatArray | None:
@@ -98,6 +104,11 @@ class _LastPose:
     def restart(self, cam_T_obj: FloatArray) -> None:
         """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
         self._last = cam_T_obj
+
+    @property
+    def motion(self) -> FloatArray | None:
+        """None."""
+        return None
 
     def information(self) -> FloatArray | None:
         """None."""
@@ -164,6 +175,11 @@ class ConstantVelocity(_LastPose):
     def moves(self) -> bool:
         """Whether a motion is known, so that `predict` differs from `last`."""
         return self._before is not None
+
+    @property
+    def motion(self) -> FloatArray | None:
+        """(6,) the last pose step; None before there was one."""
+        return None if self._before is None else pose_step_between(self._before, self.last, self._centre_obj)
 
     def predict(self) -> FloatArray:
         """(4, 4) pose expected in the next frame."""

@@ -20,6 +20,7 @@ from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.learning.knowledge import Off
@@ -77,8 +78,8 @@ class Tracker:
         self.solver = FrameSolver(model, self.method)
         self.records_steps = False
         self.records_target = False
+        self._first: FirstFrame | None = None
         self._carried: Estimate | None = None
-        self._predictor = self.method.prediction.predictor(self.part.box_centre)
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
         sight = self.method.sight
         self._pictures = None if isinstance(sight, Off) else PictureMemory(self.part, sight)
@@ -142,6 +143,7 @@ class Tracker:
         matches = solution.judgement.matches
         if started.measures and matches is not None:
             self.solver.knowledge.measure_offsets(matches)
+            self._first = FirstFrame(frame, solution.cam_T_obj, self._region)
         self._predictor.restart(solution.cam_T_obj)
         self._carried = solution.estimate
         self._last_seen = solution.cam_T_obj
@@ -212,6 +214,7 @@ class Tracker:
                 self._remember(frame, solution.cam_T_obj)
             else:
                 self._learn(frame, solution, clock)
+                self._measure_again(solution.cam_T_obj, clock)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
             self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
@@ -231,10 +234,12 @@ class Tracker:
         region = self.solver.choose_region(prior, self._region if self._started else None)
         if self._tones is not None:
             frame = self._tones.preview(frame)
-        return self.solver.look(frame.image, frame.camera, prior, region)
+        return self.solver.look(frame.image, frame.camera, prior, region, motion=self._predictor.motion)
 
     def _forget(self) -> None:
         self.solver.forget()
+        self._predictor = self.method.prediction.predictor(self.part.box_centre)
+        self._first = None
         self._states = StateMachine(self.method.states)
         if self._way_back is not None:
             self._way_back.forget()
@@ -276,7 +281,10 @@ class Tracker:
         levels: tuple[Level, ...] | None = None,
     ) -> SeenFrame | None:
         clock.lap()
-        seen = self.solver.look(frame.image, frame.camera, prior, self._region, information=information, levels=levels)
+        seen = self.solver.look(
+            frame.image, frame.camera, prior, self._region,
+            information=information, levels=levels, motion=self._predictor.motion,
+        )  # fmt: skip
         clock.image_s += clock.lap()
         return seen
 
@@ -440,6 +448,14 @@ class Tracker:
                 judgement.learn(trusted)
             self._remember(frame, solution.cam_T_obj)
         clock.learn_s += clock.lap()
+
+    def _measure_again(self, cam_T_obj: FloatArray, clock: Stopwatch) -> None:
+        """The first frame, once it is known how motion smeared its edges."""
+        if self._first is not None:
+            self._first.move_to(cam_T_obj, self.part.box_centre)
+            if self._first.measure_again(self.solver, clock):
+                self._first = None
+            clock.learn_s += clock.lap()
 
     def _remember(self, frame: Frame, pose: FloatArray) -> None:
         """Take the part's picture, in which the next frame looks for it."""

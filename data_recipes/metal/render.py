@@ -18,7 +18,14 @@ from data_recipes.metal.primary_hits import BodyHits
 from data_recipes.metal.render_pass import KeptColours, Pass
 from data_recipes.metal.scene import Moment, Scene
 
-PASSES = ((-0.25, -0.25, -0.375), (0.25, -0.25, 0.125), (-0.25, 0.25, 0.375), (0.25, 0.25, -0.125))
+Passes = tuple[tuple[float, float, float], ...]
+"""Offset of each pass in px, x and y, and its moment of the exposure, from -0.5 to 0.5."""
+PASSES: Passes = ((-0.25, -0.25, -0.375), (0.25, -0.25, 0.125), (-0.25, 0.25, 0.375), (0.25, 0.25, -0.125))
+LONG_PASSES: Passes = (
+    (-0.375, -0.375, -0.4375), (0.125, 0.375, -0.3125), (-0.125, 0.125, -0.1875), (0.375, -0.125, -0.0625),
+    (-0.25, 0.25, 0.0625), (0.25, -0.25, 0.1875), (0.0, 0.45, 0.3125), (0.0, -0.45, 0.4375),
+)  # fmt: skip
+"""Of exposures in which the part moves by more than some px: with four moments it would be seen four times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +40,9 @@ class Picture:
 class Renderer:
     """Renders frames of one scene; the bench's own shadows are worked out once and kept."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, passes: Passes = PASSES) -> None:
         self._scene = scene
+        self._passes = passes
         camera = scene.camera
         u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
         self._rays_cam = camera.rays(np.stack([u.ravel(), v.ravel()], 1))
@@ -50,7 +58,7 @@ class Renderer:
         total = np.zeros((self._scene.camera.height, self._scene.camera.width, 3), np.float32)
         masks: tuple[np.ndarray, np.ndarray] | None = None
         kept = KeptColours(len(self._rays_cam))
-        for k, (dx, dy, dt) in enumerate(PASSES):
+        for k, (dx, dy, dt) in enumerate(self._passes):
             now = self._scene.at(index + dt * self._scene.exposure_frames)
             rng = np.random.default_rng([self._scene.config.seed, 100, index, k])
             # A held part is seen by a camera that stands still: pass k meets the bench where it did in the last frame.
@@ -58,7 +66,7 @@ class Renderer:
             image, alone, seen = one.render()
             if self._scene.held and one.bench_hits is not None:
                 self._bench_hits[k] = one.bench_hits
-            total += image / len(PASSES)
+            total += image / len(self._passes)
             masks = masks or (alone, seen)
         assert masks is not None
         return Picture(total, *masks)

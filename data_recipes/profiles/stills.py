@@ -18,10 +18,11 @@ from acp_lab.errors import InputFileError
 from acp_lab.files import replacing
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose_step import pose_step_between
 from data_recipes.metal.cad_parts import CadPart, make_part
 from data_recipes.metal.plan import Kind, SceneConfig
 from data_recipes.metal.random_parts import random_part
-from data_recipes.metal.render import Renderer
+from data_recipes.metal.render import LONG_PASSES, PASSES, Passes, Renderer
 from data_recipes.metal.scene import make_scene
 from data_recipes.metal.sensor import make_sensor
 
@@ -37,6 +38,9 @@ _BREAKS_MM = (0.0, 0.0, 0.15, 0.25, 0.3, 0.4, 0.4, 0.5)
 # The views lie far apart, but are exposed as if the part moved as fast as its kind does.
 _BLUR_DEG: dict[Kind, float] = {"regular": 1.3, "reflection": 1.3, "rotation": 2.4, "occlusion": 1.3, "fast": 3.3}
 _EXPOSURES = (0.1, 0.25)
+SMEARED = 200_000
+"""Scenes from this number on move fast before a shutter that is open for long."""
+_LONG_EXPOSURES = (0.3, 1.3)
 _WIDTH, _HEIGHT = 448, 384
 _JPEG_QUALITY = 91
 
@@ -61,7 +65,8 @@ class Stills:
     Attributes:
         part: as it was drawn, sharp. edge_break_mm: of the one in the pictures.
         camera: of all views.
-        images: (h, w, 3) uint8 RGB each; cam_T_obj: (n, 4, 4) their true poses.
+        images: (h, w, 3) uint8 RGB each; cam_T_obj: (n, 4, 4) their true poses, in the middle of the exposure.
+        motions: (n, 6) pose steps (rad, mm) about the middle of the part's box, over the exposure.
         visible: (n,) share of the part that nothing hides.
     """
 
@@ -70,16 +75,18 @@ class Stills:
     camera: Camera
     images: list[ByteImage]
     cam_T_obj: FloatArray
+    motions: FloatArray
     visible: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class StillPlan:
-    """What a scene shows. exposure_frames: of the step between two views."""
+    """What a scene shows. exposure_frames: of the step between two views; passes: that a view is rendered in."""
 
     part: CadPart
     config: SceneConfig
     exposure_frames: float
+    passes: Passes
 
 
 def plan_stills(number: int) -> StillPlan:
@@ -88,20 +95,22 @@ def plan_stills(number: int) -> StillPlan:
     is_known = rng.random() < _KNOWN_SHARE
     part = make_part(KNOWN_PARTS[rng.integers(len(KNOWN_PARTS))]) if is_known else random_part(number)
     kind, break_mm = _KINDS[rng.integers(len(_KINDS))], _BREAKS_MM[rng.integers(len(_BREAKS_MM))]
+    is_smeared = number >= SMEARED
+    kind = "fast" if is_smeared else kind
     turn_deg = float(rng.uniform(9, 14))
     config = _StillConfig(
         kind, VIEWS, _WIDTH, _HEIGHT, 100_000 + number, break_mm, rot_deg=turn_deg, trans_mm=20.0,
         clutter=int(rng.integers(1, 5)), focal_px=float(rng.uniform(680, 1000)),
     )  # fmt: skip
-    exposure = float(rng.uniform(*_EXPOSURES)) * _BLUR_DEG[kind] / turn_deg
-    return StillPlan(part, config, exposure)
+    share = float(rng.uniform(*(_LONG_EXPOSURES if is_smeared else _EXPOSURES)))
+    return StillPlan(part, config, share * _BLUR_DEG[kind] / turn_deg, LONG_PASSES if is_smeared else PASSES)
 
 
 def render_stills(number: int) -> Stills:
     """The views of scene `number`, 0 or more; the same number gives the same truth."""
     plan = plan_stills(number)
     scene = replace(make_scene(plan.part, plan.config), exposure_frames=plan.exposure_frames)
-    renderer, sensor, images, visible = Renderer(scene), None, list[ByteImage](), list[float]()
+    renderer, sensor, images, visible = Renderer(scene, plan.passes), None, list[ByteImage](), list[float]()
     for view in range(VIEWS):
         picture = renderer.frame(view)
         if sensor is None:
@@ -109,14 +118,20 @@ def render_stills(number: int) -> Stills:
         images.append(sensor.expose(picture.image, np.random.default_rng([number, 21, view])))
         visible.append(float(picture.part_seen.sum() / max(picture.part_alone.sum(), 1)))
     poses = np.stack([scene.cam_T_part(view) for view in range(VIEWS)])
-    return Stills(plan.part, plan.config.edge_break_mm, plan.config.camera, images, poses, np.array(visible))
+    half, vertices = 0.5 * scene.exposure_frames, plan.part.vertices
+    centre_obj = 0.5 * (vertices.min(0) + vertices.max(0))
+    motions = np.stack(
+        [pose_step_between(scene.truth.at(k - half), scene.truth.at(k + half), centre_obj) for k in range(VIEWS)]
+    )
+    return Stills(plan.part, plan.config.edge_break_mm, plan.config.camera, images, poses, motions, np.array(visible))
 
 
 def write_stills(path: Path, stills: Stills) -> None:
     """Keep the views of a scene in one file, whole or not at all."""
     camera, part = stills.camera, stills.part
     arrays: dict[str, Any] = {
-        "vertices": part.vertices, "faces": part.faces, "poses": stills.cam_T_obj, "visible": stills.visible,
+        "vertices": part.vertices, "faces": part.faces, "poses": stills.cam_T_obj,
+        "motions": stills.motions, "visible": stills.visible,
         "camera": np.array([camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy]),
         "edge_break_mm": np.array(stills.edge_break_mm), "name": np.array(part.name), "group": np.array(part.group),
     }  # fmt: skip
@@ -134,7 +149,7 @@ def read_stills(path: Path) -> Stills:
             images = [_decoded(arrays[f"image_{view}"]) for view in range(VIEWS)]
             return Stills(
                 part, float(arrays["edge_break_mm"]), Camera(int(width), int(height), *numbers), images,
-                arrays["poses"], arrays["visible"],
+                arrays["poses"], arrays["motions"], arrays["visible"],
             )  # fmt: skip
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise InputFileError(f"{path}: holds no views of a scene ({error}): remove it, it is rendered anew") from None

@@ -10,13 +10,17 @@ import pytest
 import trimesh
 from safetensors.numpy import load_file
 
+from acp_lab.cad.part import Part
 from acp_lab.errors import InputFileError
+from acp_lab.geometry.pose_step import move_pose
 from acp_lab.tracking.learning.edge_profiles import FEATURES, save_network, shipped_network
 from data_recipes import edge_profiles
 from data_recipes.metal.random_parts import random_part
+from data_recipes.metal.scene import make_scene
 from data_recipes.profiles.examples import Examples, examples_of
 from data_recipes.profiles.stills import (
     KNOWN_PARTS,
+    SMEARED,
     Stills,
     plan_stills,
     read_stills,
@@ -69,6 +73,34 @@ def test_scenes_differ_in_all_that_matters() -> None:
     exposed = {plan.config.kind: plan.exposure_frames for plan in plans}
     assert exposed["fast"] > exposed["regular"]
     assert max(plan.exposure_frames for plan in plans) < 0.1
+    smeared = [plan_stills(SMEARED + number) for number in range(10)]
+    assert {plan.config.kind for plan in smeared} == {"fast"}
+    assert np.mean([plan.exposure_frames for plan in smeared]) > 2 * exposed["fast"]
+    assert len(smeared[0].passes) > len(plans[0].passes)
+
+
+def test_motions_are_those_of_the_exposure(stills: Stills) -> None:
+    """The poses are of its middle: half a motion on either side is what the truth says, but for its curvature."""
+    plan, part = plan_stills(3), Part.from_mesh(stills.part.vertices, stills.part.faces, "part")
+    scene = make_scene(plan.part, plan.config)
+    for view in (0, 3):
+        half = 0.5 * plan.exposure_frames
+        begins, ends = (
+            move_pose(stills.cam_T_obj[view], part.box_centre, side * 0.5 * stills.motions[view]) for side in (-1, 1)
+        )
+        np.testing.assert_allclose(begins, scene.truth.at(view - half), atol=0.02)
+        np.testing.assert_allclose(ends, scene.truth.at(view + half), atol=0.02)
+        assert np.linalg.norm(stills.motions[view, 3:]) > 0.2
+
+
+def test_a_smeared_view_is_shown_with_its_smear_and_without(stills: Stills) -> None:
+    still, slow, longer = (examples_of(replace(stills, motions=share * stills.motions)) for share in (0.0, 0.01, 4.0))
+    assert not still.features[:, -1].any()
+    assert len(slow) == len(still)
+    assert np.expm1(longer.features[:, -1]).max() > 2.0
+    unknown = longer.features[:, -1] == 0.0
+    assert 0.3 < unknown.mean() < 0.7
+    np.testing.assert_array_equal(longer.shifts_px[unknown][:50], still.shifts_px[:50])
 
 
 def test_views_are_kept_in_a_file(stills: Stills, tmp_path: Path) -> None:
@@ -76,6 +108,7 @@ def test_views_are_kept_in_a_file(stills: Stills, tmp_path: Path) -> None:
     write_stills(path, stills)
     found = read_stills(path)
     np.testing.assert_array_equal(found.cam_T_obj, stills.cam_T_obj)
+    np.testing.assert_array_equal(found.motions, stills.motions)
     np.testing.assert_array_equal(found.part.vertices, stills.part.vertices)
     assert found.camera == stills.camera
     assert found.edge_break_mm == stills.edge_break_mm
@@ -104,7 +137,7 @@ def test_examples_say_where_the_cads_edges_are(stills: Stills) -> None:
 
 def _to_the_right(examples: Examples) -> float:
     """Median px by which the CAD's upright edges lie to the right of their candidates."""
-    normal_x = examples.features[:, FEATURES - 2]
+    normal_x = examples.features[:, FEATURES - 3]
     upright = np.abs(normal_x) > 0.9
     return float(np.median(examples.shifts_px[upright] / normal_x[upright]))
 
@@ -161,7 +194,7 @@ def test_the_command_renders_what_is_missing_and_trains(
     for number in range(3):
         write_stills(edge_profiles.scene_file(tmp_path, number), stills)
     weights = tmp_path / "weights.safetensors"
-    asked = ["--out", str(tmp_path), "--scenes", "4", "--epochs", "1", "--weights", str(weights)]
+    asked = ["--out", str(tmp_path), "--scenes", "4", "--smeared", "0", "--epochs", "1", "--weights", str(weights)]
     assert edge_profiles.main(asked) == 0
     found = capsys.readouterr()
     assert "scene_00003: " in found.err
@@ -172,5 +205,5 @@ def test_the_command_renders_what_is_missing_and_trains(
 
 def test_too_few_scenes_are_refused(tmp_path: Path, stills: Stills, capsys: pytest.CaptureFixture[str]) -> None:
     write_stills(edge_profiles.scene_file(tmp_path, 0), stills)
-    assert edge_profiles.main(["--out", str(tmp_path), "--scenes", "1"]) == 2
+    assert edge_profiles.main(["--out", str(tmp_path), "--scenes", "1", "--smeared", "0"]) == 2
     assert capsys.readouterr().err.startswith("error: --scenes 1: ")

@@ -14,6 +14,7 @@ from acp_lab.imaging.edge_search import (
     Candidates,
     ImagePatch,
     SearchConfig,
+    half_widths,
     image_patch,
     search_along_normals,
 )
@@ -24,17 +25,18 @@ WIDTH, HEIGHT = 64, 48
 
 
 def half_plane(
-    at: FloatArray, normal: FloatArray, low: float = 60.0, high: float = 180.0, blur_px: float = 0.0
-) -> ByteImage:
+    at: FloatArray, normal: FloatArray, low: float = 60.0, high: float = 180.0, blur_px: float = 0.0,
+    smear_px: float = 0.0,
+) -> ByteImage:  # fmt: skip
     """An image that is bright where normal . (x - at) > 0; pixels on the edge have the mean light of what they cover.
 
-    blur_px: standard deviation of where the edge was while it was exposed.
+    blur_px: standard deviation of where the edge was while it was exposed; smear_px: or how far it moved, evenly.
     """
     fine = 16
     y, x = np.mgrid[0 : HEIGHT * fine, 0 : WIDTH * fine]
     x, y = (x + 0.5) / fine - 0.5, (y + 0.5) / fine - 0.5
     off = normal[0] * (x - at[0]) + normal[1] * (y - at[1])
-    bright = norm.cdf(off, scale=max(blur_px, 1e-9))
+    bright = np.clip(off / smear_px + 0.5, 0.0, 1.0) if smear_px else norm.cdf(off, scale=max(blur_px, 1e-9))
     dark_light, bright_light = (255.0 * (grey / 255.0) ** CONFIG.gamma for grey in (low, high))
     light = dark_light + (bright_light - dark_light) * bright.reshape(HEIGHT, fine, WIDTH, fine).mean((1, 3))
     grey = 255.0 * (light / 255.0) ** (1.0 / CONFIG.gamma)
@@ -80,6 +82,46 @@ def test_a_blurred_edge_is_found_in_its_middle(sign: float) -> None:
         offsets[gamma] = best_offset(found)
     assert abs(offsets[CONFIG.gamma]) < 0.1
     assert offsets[1.0] < -1.0
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 20.0, 135.0])
+def test_a_smeared_edge_is_found_in_its_middle_where_the_smear_is_known(angle_deg: float) -> None:
+    normal = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    at, tangent = np.array([31.3, 23.6]), np.array([-normal[1], normal[0]])
+    noise = np.random.default_rng(3).normal(0.0, 3.0, (HEIGHT, WIDTH, 1))
+    image = np.clip(half_plane(at, normal, 40.0, 200.0, smear_px=11.0) + noise, 0, 255).astype(np.uint8)
+    points, normals = at + np.linspace(-9, 9, 19)[:, None] * tangent, np.repeat(normal[None], 19, 0)
+    away = {}
+    for smear_px in (0.0, 11.0, 8.0):
+        found = search_along_normals(whole(image), points, normals, 8, CONFIG, np.full(19, smear_px))
+        away[smear_px] = np.abs(found.offsets[np.arange(19), found.scores.argmax(1)])
+    # All over the smear the slope is the same, but for noise.
+    assert np.median(away[0.0]) > 1.2
+    assert np.median(away[11.0]) < 0.4
+    assert away[11.0].max() < 1.2
+    assert np.median(away[8.0]) < 0.8  # nearly right is nearly as good
+
+
+def test_no_smear_is_the_same_as_none_known() -> None:
+    at, normal = np.array([31.3, 23.6]), np.array([0.6, 0.8])
+    patch = whole(half_plane(at, normal))
+    plain, known = (search_along_normals(patch, at[None], normal[None], 8, CONFIG, b) for b in (None, np.array([1.9])))
+    for name, values in vars(plain).items():
+        np.testing.assert_array_equal(values, getattr(known, name))
+
+
+def test_a_smear_of_any_length_is_averaged_within_limits() -> None:
+    halves = half_widths(np.array([0.0, 1.9, 2.0, -7.5, 23.0, 1e9]))
+    np.testing.assert_array_equal(halves, [0, 0, 1, 3, 11, 12])
+
+
+def test_the_grey_beside_a_smeared_edge_is_read_beyond_the_smear() -> None:
+    at, normal = np.array([31.3, 23.6]), np.array([1.0, 0.0])
+    patch = whole(half_plane(at, normal, 60.0, 180.0, smear_px=12.0))
+    found = search_along_normals(patch, at[None], normal[None], 8, CONFIG, np.array([12.0]))
+    best = found.scores[0].argmax()
+    assert found.before[0, best] == pytest.approx(60.0, abs=3.0)
+    assert found.after[0, best] == pytest.approx(180.0, abs=3.0)
 
 
 def test_the_sign_of_the_gradient_turns_with_the_normal() -> None:

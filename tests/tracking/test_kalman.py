@@ -336,3 +336,16 @@ def test_sure_is_a_matter_of_pixels() -> None:
     limit_px = CAMERA.fx * deviation_mm / depth
     assert steady(replace(PLAIN, sure_px=1.01 * limit_px)).is_sure(CAMERA)
     assert not steady(replace(PLAIN, sure_px=0.99 * limit_px)).is_sure(CAMERA)
+
+
+def test_the_expected_motion_is_known_after_two_frames() -> None:
+    found = started()
+    assert found.motion is None
+    pose = START
+    for _ in range(12):
+        pose = move_pose(pose, CENTRE, TURNING)
+        found.observe(pose, 1.0, 1e4 * found.information())
+    assert found.motion is not None
+    np.testing.assert_allclose(found.motion, TURNING, rtol=0.05, atol=1e-3)
+    found.restart(START)
+    assert found.motion is None

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import centre_position, move_pose
-from acp_lab.tracking.prediction import ConstantVelocity, ConstantVelocityPrediction, LastPosePrediction
+from acp_lab.tracking.prediction import ConstantVelocity, ConstantVelocityPrediction, LastPose, LastPosePrediction
 from tests.geometry.geometry_strategies import directions
 from tests.made_parts import box, looking_at
 
@@ -101,3 +101,19 @@ def test_the_last_pose_is_all_that_counts() -> None:
         assert not motion.moves
     motion.predict()[:] = 0.0
     np.testing.assert_array_equal(motion.last, pose)
+
+
+def test_the_motion_is_the_last_step() -> None:
+    part = box()
+    step = np.array([0.02, -0.01, 0.03, 1.0, -2.0, 0.5])
+    motion = ConstantVelocity(part.box_centre)
+    motion.restart(looking_at(part, np.array([1.0, 0.5, 0.2]), 250.0, 0.4))
+    assert motion.motion is None
+    motion.observe(move_pose(motion.last, part.box_centre, step))
+    found = motion.motion
+    assert found is not None
+    np.testing.assert_allclose(found, step, atol=1e-9)
+    np.testing.assert_allclose(motion.predict(), move_pose(motion.last, part.box_centre, found), atol=1e-9)
+    resting = LastPose()
+    resting.restart(motion.last)
+    assert resting.motion is None

@@ -27,7 +27,8 @@ from acp_lab.prepared_part.trained import RegionReport
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import Estimate
-from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.learning.contour_offsets import ContourOffsets
+from acp_lab.tracking.learning.knowledge import Off, SampleLearning
 from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.picture import Picture, PictureSearch
@@ -43,7 +44,7 @@ from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
 from tests.tracking.lit_part import lit_part
-from tests.tracking.rendered import AS_DRAWN, CAMERA, MadeSequence, add_percent, draw, poses, prepared
+from tests.tracking.rendered import AS_DRAWN, CAMERA, GAMMA, MadeSequence, add_percent, draw, poses, prepared
 
 BY_MAP = replace(DIRECT_6DOF, name="by-map", source=CadSamples(), control_points="mid-section")
 
@@ -646,7 +647,7 @@ def test_a_solution_that_no_part_can_reach_is_none(
 # ---- how much of the way is looked for -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", [ACP, replace(ACP, recovery=Off())], ids=["acp", "without recovery"])
+@pytest.mark.parametrize("method", [AS_DRAWN, replace(AS_DRAWN, recovery=Off())], ids=["acp", "without recovery"])
 def test_a_sure_prediction_is_solved_by_the_last_level_and_a_poor_fit_by_all(
     part: Part, model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch, method: Method
 ) -> None:
@@ -743,3 +744,72 @@ def test_a_picture_is_not_searched_with_another_camera(
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
     tracker.track(Frame(1, images[1], replace(CAMERA, cx=CAMERA.cx + 1.0)))
     assert searched == [1]
+
+
+def smeared_images(part: Part, at: list[FloatArray], step: FloatArray, share: float) -> list[ByteImage]:
+    """Of a part that makes the same pose step (6,) about its centre from each of poses to the next."""
+    moments = share * ((np.arange(9) + 0.5) / 9 - 0.5)
+    found = []
+    for i, pose in enumerate(at):
+        views = [draw([(part, move_pose(pose, part.box_centre, when * step))], k) for k, when in enumerate(moments)]
+        light = np.mean([(view / 255.0) ** GAMMA for view in views], axis=0)
+        noise = np.random.default_rng(i).normal(0.0, 2.0, light.shape[:2])[..., None]
+        found.append(np.clip(255.0 * light ** (1.0 / GAMMA) + noise, 0, 255).astype(np.uint8))
+    return found
+
+
+def test_edges_smeared_by_motion_are_found_in_their_middle() -> None:
+    """At 14 px a frame with the shutter open for 0.7 of it, an edge may seem to be anywhere within 10 px."""
+    part = box()
+    model, step = prepared(part), np.array([0.004, 0.006, 0.0, 8.0, 1.5, 0.0])
+    middle = looking_at(part, np.array([0.8, 0.6, 1.0]), 190.0, 0.3)
+    at = [move_pose(middle, part.box_centre, k * step) for k in range(-3, 4)]
+    images = smeared_images(part, at, step, 0.7)
+    unaware = replace(AS_DRAWN, learning=SampleLearning(profiles=Off(), blur=Off()))
+    errors, shares = [], []
+    for method in (AS_DRAWN, unaware):
+        tracker = Tracker(model, method)
+        tracker.start(Frame(0, images[0], CAMERA), at[0])
+        results = tuple(tracker.track(Frame(k, image, CAMERA)) for k, image in enumerate(images[1:], 1))
+        # The first motion is unknown, and so is the shutter.
+        errors.append(float(np.mean(errors_percent(part, results[1:], at[2:]))))
+        shares.append(tracker.solver.knowledge.blur and tracker.solver.knowledge.blur.share)
+    assert shares == [pytest.approx(0.7, abs=0.15), None]
+    assert errors[0] < 0.6 * errors[1]
+
+
+def test_a_smeared_first_frame_is_measured_again() -> None:
+    """What was taken for offsets there was the place in the smear that happened to be steepest."""
+    part = box()
+    model, step = prepared(part), np.array([0.004, 0.006, 0.0, 8.0, 1.5, 0.0])
+    first = looking_at(part, np.array([0.8, 0.6, 1.0]), 190.0, 0.3)
+    at = [first, move_pose(first, part.box_centre, step)]
+    images = smeared_images(part, at, step, 0.7)
+
+    def spread(tracker: Tracker) -> float:
+        """Of the expected offsets of outlines, mm; the part has none that differ."""
+        estimate = tracker.look(Frame(0, images[0], CAMERA), first).view.at_pose(first)  # type: ignore[union-attr]
+        edges = tracker.solver.source.generate(estimate, 600)
+        expected = tracker.solver.knowledge.expect(edges, edges.normals, estimate)
+        assert expected is not None
+        return float(expected.offsets_mm[edges.outline].std())
+
+    tracker = Tracker(model, AS_DRAWN)
+    tracker.start(Frame(0, images[0], CAMERA), first)
+    before = spread(tracker)
+    tracker.track(Frame(1, images[1], CAMERA))
+    assert spread(tracker) < 0.7 * before
+
+
+def test_a_sharp_first_frame_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    part = box()
+    model, step = prepared(part), np.array([0.0, 0.0, 0.0, 9.0, 0.0, 0.0])
+    first = looking_at(part, np.array([0.8, 0.6, 1.0]), 250.0, 0.3)
+    at = [move_pose(first, part.box_centre, k * step) for k in range(4)]
+    tracker = Tracker(model, AS_DRAWN)
+    measured = []
+    monkeypatch.setattr(ContourOffsets, "learn", lambda *given: measured.append(given))
+    tracker.start(Frame(0, draw([(part, first)]), CAMERA), first)
+    for k, pose in enumerate(at[1:], 1):
+        tracker.track(Frame(k, draw([(part, pose)], k), CAMERA))
+    assert len(measured) == 1

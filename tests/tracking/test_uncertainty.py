@@ -18,7 +18,7 @@ from acp_lab.tracking.prediction import LastPosePrediction
 from acp_lab.tracking.tracker import Tracker
 from acp_lab.tracking.uncertainty import PoseUncertainty, spread
 from tests.made_parts import bracket, looking_at
-from tests.tracking.rendered import draw, poses, prepared
+from tests.tracking.rendered import AS_DRAWN, draw, poses, prepared
 
 CAMERA = Camera(width=320, height=256, fx=420.0, fy=425.0, cx=159.5, cy=127.5)
 ONE = PoseUncertainty(1.0, 0.0, 0.0, 0.0)
@@ -69,7 +69,7 @@ def test_a_direction_that_the_image_says_nothing_of_is_finite_and_large() -> Non
 def test_drawn_sequences_are_about_as_exact_as_it_says() -> None:
     part = bracket()
     truths = poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3), 12)
-    tracker, squared = Tracker(prepared(part)), []
+    tracker, squared = Tracker(prepared(part), AS_DRAWN), []
     tracker.start(Frame(0, draw([(part, truths[0])], 0, CAMERA), CAMERA), truths[0])
     for index, truth in enumerate(truths[1:], start=1):
         result = tracker.track(Frame(index, draw([(part, truth)], index, CAMERA), CAMERA))

@@ -26,8 +26,8 @@ from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.files import replacing
 from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArray, plain
-from acp_lab.imaging.edge_search import Candidates, ImagePatch
-from acp_lab.imaging.edge_search_kernel import read_profile
+from acp_lab.imaging.edge_search import Candidates, ImagePatch, half_widths
+from acp_lab.imaging.edge_search_kernel import average_along, read_profile
 from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM
 
 WEIGHTS = Path(__file__).with_name("edge_profiles.safetensors")
@@ -36,7 +36,7 @@ _REACH_PX = 5
 # Where the grey on either side is read, beside the ends.
 _BESIDE_PX = 3
 _PROFILE = 2 * _REACH_PX + 1
-FEATURES = _PROFILE + 5 + 8 + 9 + 3
+FEATURES = _PROFILE + 5 + 8 + 9 + 3 + 1
 # A feature farther from its mean, in standard deviations, was never seen in training.
 FARTHEST = 6.0
 LEAST_LOG_SPREAD, MOST_LOG_SPREAD = -4.0, 2.0
@@ -105,22 +105,24 @@ class Profiles:
 
 def describe(
     patch: ImagePatch, points: FloatArray, normals: FloatArray, candidates: Candidates, views: EdgeViews,
-    sigma_px: float, least: float,
+    sigma_px: float, least: float, blur_px: FloatArray | None = None,
 ) -> Profiles:  # fmt: skip
     """The profiles of all candidates whose score times nearness is above `least`; others could not be chosen.
 
     Args:
         points: (n, 2) px, full image; normals: (n, 2) unit: where the candidates were searched, and along what.
         sigma_px: how far away a candidate may lie, see `Level`.
+        blur_px: (n,) over which motion smears edges along the normals; None for not at all.
     """
+    smear = np.zeros(len(points)) if blur_px is None else np.abs(blur_px)
     count, edges = candidates.scores.size, views.edges
     rows, columns, sides = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(len(points))
     features = np.empty((count, FEATURES), np.float32)
     found = _describe(
         patch.channels, plain(points - patch.origin), plain(normals), candidates.offsets, candidates.scores,
         edges.points_obj, edges.normals_obj, edges.crease, edges.convex, np.ascontiguousarray(views.ids),
-        np.ascontiguousarray(views.outline), plain(views.cam_T_obj), views.focal_px, patch.gamma, sigma_px, least,
-        rows, columns, sides, features,
+        np.ascontiguousarray(views.outline), plain(views.cam_T_obj), views.focal_px, _log_light(patch.gamma), sigma_px,
+        least, smear, half_widths(smear), rows, columns, sides, features,
     )  # fmt: skip
     return Profiles(rows[:found], columns[:found], sides, features[:found])
 
@@ -139,14 +141,12 @@ class ProfileNetwork:
 
     def __call__(self, features: Float32Array) -> Float32Array:
         """(k, 2) of features (k, FEATURES): px across the edge from the image's to the CAD's, and log of its spread."""
-        values: np.ndarray = (features - self.mean) * self.scale
-        np.clip(values, -FARTHEST, FARTHEST, out=values)
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            values = values @ weight
-            values += bias
-            np.maximum(values, 0.0, out=values)
-        found: Float32Array = values @ self.weights[-1] + self.biases[-1]
-        np.clip(found[:, 1], LEAST_LOG_SPREAD, MOST_LOG_SPREAD, out=found[:, 1])
+        (first, second, last), (first_bias, second_bias, last_bias) = self.weights, self.biases
+        found = np.empty((len(features), 2), np.float32)
+        _ask(
+            np.ascontiguousarray(features), self.mean, self.scale, first, first_bias, second, second_bias, last,
+            last_bias, found,
+        )  # fmt: skip
         return found
 
 
@@ -191,8 +191,8 @@ class ProfileShifts:
 
     def spread_of_best(self, scores: FloatArray, offsets: FloatArray, sigma_px: float) -> FloatArray:
         """(n,) spread of the candidate that fits best, by scores and offsets (n, m); 0 where none was described."""
-        best = (scores * np.exp(-0.5 * (offsets / sigma_px) ** 2)).argmax(1)
-        found: FloatArray = self.spreads_px[np.arange(len(best)), best]
+        found = np.empty(len(scores))
+        _spread_of_best(plain(scores), plain(offsets), self.spreads_px, sigma_px, found)
         return found
 
 
@@ -213,39 +213,54 @@ class EdgeProfiles:
         views: EdgeViews,
         sigma_px: float,
         least: float,
+        blur_px: FloatArray | None = None,
     ) -> ProfileShifts:
         """Shifts and spreads of the candidates that `describe` describes; arguments as there."""
-        profiles = describe(patch, points, normals, candidates, views, sigma_px, least)
+        profiles = describe(patch, points, normals, candidates, views, sigma_px, least, blur_px)
         shifts, spreads = np.zeros((2, *candidates.scores.shape))
         if len(profiles.rows):
-            found = self._network(profiles.features).astype(np.float64)
-            limit, at = self.config.largest_px, (profiles.rows, profiles.columns)
-            shifts[at] = np.clip(found[:, 0], -limit, limit) * profiles.sides[profiles.rows]
-            spreads[at] = self.config.spread_share * np.exp(found[:, 1])
+            _put(
+                self._network(profiles.features), profiles.rows, profiles.columns, profiles.sides,
+                self.config.largest_px, self.config.spread_share, shifts, spreads,
+            )  # fmt: skip
         return ProfileShifts(shifts, spreads)
 
 
-@kernel("f8(f8, f8)")
-def _light(grey: float, gamma: float) -> float:
-    """Logarithm of the light that a grey level stands for; black is 2% of white, lest noise has a say."""
-    return float(np.log((min(max(grey, 0.0), 255.0) / 255.0) ** gamma + 0.02))
+@lru_cache(maxsize=8)
+def _log_light(gamma: float) -> FloatArray:
+    """(257,) logarithm of the light that grey levels stand for; black is 2% of white, lest noise has a say."""
+    table: FloatArray = np.log((np.minimum(np.arange(257.0), 255.0) / 255.0) ** gamma + 0.02)
+    return table
+
+
+@kernel("f8(f8[::1], f8)")
+def _light(table: FloatArray, grey: float) -> float:
+    """`_log_light` between grey levels."""
+    grey = min(max(grey, 0.0), 255.0)
+    level = int(grey)
+    return float(table[level] + (grey - level) * (table[level + 1] - table[level]))
 
 
 @kernel(
     "i8(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], b1[::1], b1[::1],"
-    " i8[::1], b1[::1], f8[:, ::1], f8, f8, f8, f8, i8[::1], i8[::1], f8[::1], f4[:, ::1])"
+    " i8[::1], b1[::1], f8[:, ::1], f8, f8[::1], f8, f8, f8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f4[:, ::1])"
 )
 def _describe(
     channels: Float32Array, points: FloatArray, normals: FloatArray, offsets: FloatArray, scores: FloatArray,
     points_obj: FloatArray, normals_obj: FloatArray, crease: BoolArray, convex: BoolArray, ids: IntArray,
-    outline: BoolArray, pose: FloatArray, focal: float, gamma: float, sigma: float, least: float, rows: IntArray,
-    columns: IntArray, sides: FloatArray, features: Float32Array,
+    outline: BoolArray, pose: FloatArray, focal: float, light: FloatArray, sigma: float, least: float,
+    smear: FloatArray, halves: IntArray, rows: IntArray, columns: IntArray, sides: FloatArray, features: Float32Array,
 ) -> int:  # fmt: skip
     """Fill rows, columns, sides and features, see `Profiles`; returns how many candidates were described."""
     count, narrow = 0, -0.5 / (sigma * sigma)
     view, across, along = np.empty(3), np.empty(3), np.empty(3)
     at, faces, facing = np.empty(3), np.empty((2, 3)), np.empty((2, 3))
-    profile = np.empty((3, _PROFILE))
+    room = 0
+    for i in range(len(halves)):
+        room = max(room, halves[i])
+    middle = room + _REACH_PX
+    raw = np.empty((3, 2 * middle + 1))
+    profile, greys = np.empty((2, _PROFILE)), raw[2]
     for i in range(len(points)):
         sample, nx, ny = ids[i], normals[i, 0], normals[i, 1]
         for k in range(3):
@@ -284,16 +299,18 @@ def _describe(
         side = -1.0 if towards < 0.0 else 1.0
         sides[i] = side
         turn = facing[0, 0] * facing[1, 0] + facing[0, 1] * facing[1, 1] + facing[0, 2] * facing[1, 2]
-        scale = np.log(focal / at[2])
+        scale, half = np.log(focal / at[2]), halves[i]
         for m in range(offsets.shape[1]):
             if not scores[i, m] * np.exp(narrow * offsets[i, m] * offsets[i, m]) > least:
                 continue
-            first = offsets[i, m] - side * _REACH_PX
+            first = offsets[i, m] - side * middle
             x, y = points[i, 0] + first * nx, points[i, 1] + first * ny
-            read_profile(channels, x, y, side * nx, side * ny, profile)
-            middle = profile[0, _REACH_PX]
-            peak = abs(middle) + 1e-3
-            sign = -1.0 if middle < 0.0 else 1.0
+            read_profile(channels, x, y, side * nx, side * ny, raw)
+            average_along(raw[0], room, half, profile[0])
+            average_along(raw[1], room, half, profile[1])
+            slope = profile[0, _REACH_PX]
+            peak = abs(slope) + 1e-3
+            sign = -1.0 if slope < 0.0 else 1.0
             row = features[count]
             for k in range(_PROFILE):
                 row[k] = min(max(sign * profile[0, k] / peak, -3.0), 3.0)
@@ -302,9 +319,10 @@ def _describe(
                 row[place + k] = min(abs(profile[1, 2 * k + 1]) / peak, 2.0)
             place += 5
             row[place], row[place + 1] = np.log(peak), sign
-            row[place + 2] = _light(profile[2, _REACH_PX - _BESIDE_PX], gamma)
-            row[place + 3] = _light(profile[2, _REACH_PX + _BESIDE_PX], gamma)
-            row[place + 4], row[place + 5] = _light(profile[2, 0], gamma), _light(profile[2, _PROFILE - 1], gamma)
+            beside, far = half + _BESIDE_PX, half + _REACH_PX
+            row[place + 2] = _light(light, greys[middle - beside])
+            row[place + 3] = _light(light, greys[middle + beside])
+            row[place + 4], row[place + 5] = _light(light, greys[middle - far]), _light(light, greys[middle + far])
             row[place + 6], row[place + 7] = scale, scores[i, m]
             place += 8
             for k in range(3):
@@ -314,6 +332,89 @@ def _describe(
             row[place + 6], row[place + 7], row[place + 8] = outline[i], crease[sample], convex[sample]
             place += 9
             row[place], row[place + 1], row[place + 2] = turn, side * nx, side * ny
+            row[place + 3] = np.log(1.0 + smear[i])
             rows[count], columns[count] = i, m
             count += 1
     return count
+
+
+@kernel(
+    "void(f4[:, ::1], f4[::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1])",
+    fastmath=frozenset({"contract"}),
+)
+def _ask(
+    features: Float32Array, mean: Float32Array, scale: Float32Array, first: Float32Array, first_bias: Float32Array,
+    second: Float32Array, second_bias: Float32Array, last: Float32Array, last_bias: Float32Array, found: Float32Array,
+) -> None:  # fmt: skip
+    """Fill found (k, 2), see `ProfileNetwork.__call__`, for features (k, FEATURES).
+
+    Four candidates at a time, for which each weight is read once.
+    """
+    count, inputs = features.shape
+    hidden, farther = np.empty((4, first.shape[1]), np.float32), np.empty((4, second.shape[1]), np.float32)
+    farthest, nothing = np.float32(FARTHEST), np.float32(0.0)
+    for start in range(0, count, 4):
+        for j in range(first.shape[1]):
+            for q in range(4):
+                hidden[q, j] = first_bias[j]
+        # The last four may be fewer: their last is asked again.
+        r0, r1 = start, min(start + 1, count - 1)
+        r2, r3 = min(start + 2, count - 1), min(start + 3, count - 1)
+        for i in range(inputs):
+            centre, narrow = mean[i], scale[i]
+            a = min(max((features[r0, i] - centre) * narrow, -farthest), farthest)
+            b = min(max((features[r1, i] - centre) * narrow, -farthest), farthest)
+            c = min(max((features[r2, i] - centre) * narrow, -farthest), farthest)
+            d = min(max((features[r3, i] - centre) * narrow, -farthest), farthest)
+            for j in range(first.shape[1]):
+                weight = first[i, j]
+                hidden[0, j] += a * weight
+                hidden[1, j] += b * weight
+                hidden[2, j] += c * weight
+                hidden[3, j] += d * weight
+        for j in range(second.shape[1]):
+            for q in range(4):
+                farther[q, j] = second_bias[j]
+        for i in range(second.shape[0]):
+            a, b = max(hidden[0, i], nothing), max(hidden[1, i], nothing)
+            c, d = max(hidden[2, i], nothing), max(hidden[3, i], nothing)
+            for j in range(second.shape[1]):
+                weight = second[i, j]
+                farther[0, j] += a * weight
+                farther[1, j] += b * weight
+                farther[2, j] += c * weight
+                farther[3, j] += d * weight
+        for q in range(min(4, count - start)):
+            shift, spread = last_bias[0], last_bias[1]
+            for j in range(last.shape[0]):
+                value = max(farther[q, j], nothing)
+                shift += value * last[j, 0]
+                spread += value * last[j, 1]
+            found[start + q, 0] = shift
+            found[start + q, 1] = min(max(spread, np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
+
+
+@kernel("void(f4[:, ::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[:, ::1], f8[:, ::1])")
+def _put(
+    found: Float32Array, rows: IntArray, columns: IntArray, sides: FloatArray, largest: float, share: float,
+    shifts: FloatArray, spreads: FloatArray,
+) -> None:  # fmt: skip
+    """Put what was found (k, 2) of candidates in their rows and columns of shifts and spreads (n, m), px."""
+    for k in range(len(rows)):
+        row, column = rows[k], columns[k]
+        shifts[row, column] = min(max(np.float64(found[k, 0]), -largest), largest) * sides[row]
+        spreads[row, column] = share * np.exp(np.float64(found[k, 1]))
+
+
+@kernel("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8[::1])")
+def _spread_of_best(
+    scores: FloatArray, offsets: FloatArray, spreads: FloatArray, sigma: float, found: FloatArray
+) -> None:  # fmt: skip
+    """Fill found (n,), see `ProfileShifts.spread_of_best`."""
+    narrow = -0.5 / (sigma * sigma)
+    for i in range(len(scores)):
+        best, found[i] = -1.0, 0.0
+        for m in range(scores.shape[1]):
+            fit = scores[i, m] * np.exp(narrow * offsets[i, m] * offsets[i, m])
+            if fit > best:
+                best, found[i] = fit, spreads[i, m]

@@ -1,7 +1,7 @@
 """What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
 
-And how far all outlines lie to their bright side. These four start empty in the first frame; what the profile of an
-image edge says of the CAD's was learnt long before. Each of the five can be switched off.
+And how far all outlines lie to their bright side, and how far motion smears edges. These five start empty in the first
+frame; what the profile of an image edge says of the CAD's was learnt long before. Each of the six can be switched off.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets, OffsetConfig
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.learning.edge_profiles import EdgeProfiles, EdgeViews, ProfileConfig, ProfileShifts
+from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
 from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
 
@@ -51,6 +52,7 @@ class SampleLearning:
         memory: how each edge looked; offsets: where it lies beside the CAD's; reliability: how steadily it was found.
         polarity: how far all outlines are shifted towards their bright side.
         profiles: where the CAD's edge lies beside an image edge, by what that looks like.
+        blur: how long the shutter is open, hence how far moving edges are smeared.
         learn_above: share of the running mean quality below which a frame teaches nothing.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
             every sample helps to find the way.
@@ -62,11 +64,12 @@ class SampleLearning:
     reliability: ReliabilityConfig | Off = field(default_factory=ReliabilityConfig)
     polarity: PolarityConfig | Off = field(default_factory=PolarityConfig)
     profiles: ProfileConfig | Off = field(default_factory=ProfileConfig)
+    blur: BlurConfig | Off = field(default_factory=BlurConfig)
     learn_above: float = 0.5
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
-        parts = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles)
+        parts = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles, self.blur)
         if all(isinstance(part, Off) for part in parts):
             raise TrackingError('learning: all its parts are off: give learning.kind = "off"')
 
@@ -83,6 +86,7 @@ class Matches:
         sure_residuals_px: the same, NaN also where the image edge is faint.
         expected: offsets that were expected, None where they are not learnt.
         off_obj: (n, 3) the sum of the samples' two face normals, off the material.
+        patch: the image that was searched.
     """
 
     at: Estimate
@@ -95,6 +99,7 @@ class Matches:
     sure_residuals_px: FloatArray
     expected: ExpectedOffsets | None
     off_obj: FloatArray
+    patch: ImagePatch
 
     @property
     def gradients(self) -> FloatArray:
@@ -117,7 +122,7 @@ class Matches:
 
 
 class SampleKnowledge:
-    """The memories of one tracked part, and its profiles; each is None where it is off.
+    """What is known of one tracked part, see the module's head; each is None where it is off.
 
     edges: the part's 3D edge samples.
     """
@@ -131,6 +136,7 @@ class SampleKnowledge:
         self.reliability: SampleReliability | None = None
         self.polarity: EdgePolarity | None = None
         self.profiles: EdgeProfiles | None = None
+        self.blur: MotionBlur | None = None
         if not isinstance(config, SampleLearning):
             return
         if isinstance(config.memory, MemoryConfig):
@@ -145,20 +151,32 @@ class SampleKnowledge:
             self.polarity = EdgePolarity(config.polarity)
         if isinstance(config.profiles, ProfileConfig):
             self.profiles = EdgeProfiles(config.profiles)
+        if isinstance(config.blur, BlurConfig):
+            self.blur = MotionBlur(config.blur)
 
     def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:
         """(n, m) scores, less for candidates that contradict what their sample looked like."""
         return scores if self.memory is None else scores * self.memory.factors(sample_ids, candidates)
 
+    def blur_px(self, edges: GeneratedEdges, normals: FloatArray, at: Estimate) -> FloatArray | None:
+        """(n,) px over which motion smears the edges of samples along their normals; None where nobody knows."""
+        motion = at.view.motion
+        if self.blur is None or self.blur.share == 0.0 or motion is None:
+            return None
+        return self.blur.smear_px(at.lines(self.edges.points_obj[edges.sample_ids], normals).jacobian @ motion)
+
     def read_profiles(
         self, patch: ImagePatch, edges: GeneratedEdges, normals: FloatArray, candidates: Candidates, at: Estimate,
-        sigma_px: float, least: float,
+        sigma_px: float, least: float, blur_px: FloatArray | None = None,
     ) -> ProfileShifts | None:  # fmt: skip
-        """Where the CAD's edges lie beside candidates with a score above `least`; None where nobody asks."""
+        """Where the CAD's edges lie beside candidates with a score above `least`; None where nobody asks.
+
+        blur_px: (n,) of the edge points, see `blur_px`.
+        """
         if self.profiles is None or not self._is_fine(sigma_px):
             return None
         views = EdgeViews(self.edges, edges.sample_ids, edges.outline, at.cam_T_obj, at.view.camera.fx)
-        return self.profiles.read(patch, edges.points, normals, candidates, views, sigma_px, least)
+        return self.profiles.read(patch, edges.points, normals, candidates, views, sigma_px, least, blur_px)
 
     def expect(
         self, edges: GeneratedEdges, normals: FloatArray, at: Estimate, scatter_px: FloatArray | None = None
@@ -202,6 +220,13 @@ class SampleKnowledge:
             residuals_px = residuals_px - shift_px * np.sign(matches.gradients) * outline
         self.offsets.learn(ids, outline, matches.expected, residuals_px)
 
+    def forget_offsets(self) -> None:
+        """As before any was measured: where edges lie, and how far all outlines are shifted."""
+        if self.offsets is not None:
+            self.offsets.forget()
+        if self.polarity is not None:
+            self.polarity.forget()
+
     def learns_from(self, quality: float, mean_quality: float) -> bool:
         """Whether a frame of that quality teaches anything."""
         if isinstance(self.config, TargetLearning):
@@ -223,6 +248,9 @@ class SampleKnowledge:
             rate = self.polarity.config.rate
             sure_px = matches.sure_residuals_px
             self.polarity.measure(matches.gradients, matches.outward, sure_px, matches.jacobian, rate)
+        motion = matches.at.view.motion
+        if self.blur is not None and motion is not None:
+            self.blur.learn(matches.patch, matches.edges.points, matches.normals, matches.jacobian @ motion)
 
 
 @kernel("void(f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f8[::1])")

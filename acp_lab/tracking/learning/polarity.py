@@ -53,6 +53,10 @@ class EdgePolarity:
 
     def __init__(self, config: PolarityConfig) -> None:
         self.config = config
+        self.forget()
+
+    def forget(self) -> None:
+        """No shift is known."""
         self.shift_px = 0.0
 
     def measure(

@@ -127,14 +127,15 @@ class NormalMeasure:
         self.sigma_px = max(level.sigma_px, _LEAST_SIGMA_PX)
         self.outlier = config.outlier
         self.at, self.edges, self.points, self.normals = at, edges, edges.points, edges.normals
+        blur_px = knowledge.blur_px(edges, self.normals, at)
         self.candidates: Candidates = search_along_normals(
-            target.patch, self.points, self.normals, level.reach_px, config.search
+            target.patch, self.points, self.normals, level.reach_px, config.search, blur_px
         )
         scores = self.candidates.scores
         if use_memory:
             scores = knowledge.agreement(edges.sample_ids, self.candidates, scores)
         self.shifts = knowledge.read_profiles(
-            target.patch, edges, self.normals, self.candidates, at, self.sigma_px, config.min_score
+            target.patch, edges, self.normals, self.candidates, at, self.sigma_px, config.min_score, blur_px
         )
         scatter_px, offsets = None, self.candidates.offsets
         if self.shifts is not None:
@@ -154,6 +155,11 @@ class NormalMeasure:
     def knowledge(self) -> SampleKnowledge:
         """What is known of the samples."""
         return self._target.knowledge
+
+    @property
+    def patch(self) -> ImagePatch:
+        """The image that was searched."""
+        return self._target.patch
 
     @property
     def plain_share(self) -> float:
@@ -406,4 +412,5 @@ class NormalJudgement:
             self.residuals_above(_SURELY_FOUND),
             measure.expected,
             measure.knowledge.edges.off_obj[ids],
+            measure.patch,
         )

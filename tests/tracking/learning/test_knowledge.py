@@ -9,7 +9,7 @@ import pytest
 
 from acp_lab.cad.part import Part
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.imaging.edge_search import Candidates
+from acp_lab.imaging.edge_search import Candidates, image_patch
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
@@ -59,6 +59,7 @@ def matches(knowledge: SampleKnowledge, edges: GeneratedEdges, at: Estimate, res
         residuals,
         knowledge.expect(edges, edges.normals, at),
         knowledge.edges.normals_obj[edges.sample_ids].sum(1),
+        image_patch(np.full((120, 160, 3), 90, np.uint8), (0, 0, 160, 120), 1.0),
     )
 
 
