@@ -95,6 +95,10 @@ def local_maxima(along: FloatArray, margin: int, squares: FloatArray, places: In
 @kernel("void(f8[::1], i8, i8, f8[::1])")
 def average_along(values: FloatArray, first: int, half: int, found: FloatArray) -> None:
     """Fill found (m,): the mean of 2 half + 1 neighbours about values[first], values[first + 1] and so on."""
+    if half == 0:
+        for k in range(len(found)):
+            found[k] = values[first + k]
+        return
     total, share = 0.0, 1.0 / (2 * half + 1)
     for k in range(first - half, first + half + 1):
         total += values[k]

@@ -41,8 +41,8 @@ class View:
         canonical_size: px, side of the canonical image that the part's generator paints.
         prior_information: (6, 6) how sure the prior is, the inverse covariance of a pose step (rad, mm) about the
             part's centre; None where nobody knows.
-        motion: (6,) the pose step about the part's centre that it is expected to make from frame to frame, which smears
-            its edges while the shutter is open; None where nobody knows.
+        motion: (6,) the pose step (rad, mm) about the part's centre that it is expected to make from frame to frame,
+            which smears its edges while the shutter is open; None where nobody knows.
     """
 
     camera: Camera

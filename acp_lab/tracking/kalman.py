@@ -96,7 +96,7 @@ class PoseKalman:
 
     @property
     def motion(self) -> FloatArray | None:
-        """(6,) the pose step to the next frame that is expected; None before a motion was seen."""
+        """(6,) the pose step (rad, mm) to the next frame that is expected; None before a motion was seen."""
         return self._velocity if self.moves else None
 
     def predict(self) -> FloatArray:

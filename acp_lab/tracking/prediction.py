@@ -44,7 +44,7 @@ class Predictor(Protocol):
 
     @property
     def motion(self) -> FloatArray | None:
-        """(6,) the pose step to the next frame that is expected, see `frame_view.View`; None where nobody knows."""
+        """(6,) the pose step (rad, mm) to the next frame that is expected, see `frame_view.View`; None if unknown."""
         ...
 
     def information(self) -> FloatArray | None:
@@ -178,7 +178,7 @@ class ConstantVelocity(_LastPose):
 
     @property
     def motion(self) -> FloatArray | None:
-        """(6,) the last pose step; None before there was one."""
+        """(6,) the last pose step (rad, mm); None before there was one."""
         return None if self._before is None else pose_step_between(self._before, self.last, self._centre_obj)
 
     def predict(self) -> FloatArray:

@@ -171,6 +171,8 @@ class Tracker:
             raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
         begin_s, clock = time.perf_counter(), Stopwatch()
         self.solver.records_steps = self.records_steps
+        # Kept as long as every frame is seen: over a gap it would tell another motion.
+        first, self._first = self._first, None
         if isinstance(frame, UnreadableFrame):
             predicted = self.predicted
             self._predictor.coast()
@@ -214,7 +216,7 @@ class Tracker:
                 self._remember(frame, solution.cam_T_obj)
             else:
                 self._learn(frame, solution, clock)
-                self._measure_again(solution.cam_T_obj, clock)
+                self._measure_again(first, solution.cam_T_obj, clock)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
             self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
@@ -449,12 +451,11 @@ class Tracker:
             self._remember(frame, solution.cam_T_obj)
         clock.learn_s += clock.lap()
 
-    def _measure_again(self, cam_T_obj: FloatArray, clock: Stopwatch) -> None:
+    def _measure_again(self, first: FirstFrame | None, cam_T_obj: FloatArray, clock: Stopwatch) -> None:
         """The first frame, once it is known how motion smeared its edges."""
-        if self._first is not None:
-            self._first.move_to(cam_T_obj, self.part.box_centre)
-            if self._first.measure_again(self.solver, clock):
-                self._first = None
+        if first is not None:
+            clock.lap()
+            self._first = first if first.measure_again(self.solver, cam_T_obj, clock) else None
             clock.learn_s += clock.lap()
 
     def _remember(self, frame: Frame, pose: FloatArray) -> None:

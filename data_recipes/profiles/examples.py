@@ -27,6 +27,7 @@ _FARTHEST_PX = 2.5
 _MOST_SAMPLES, _LEAST_SAMPLES = 700, 50
 _LEAST_VISIBLE = 0.35
 _BORDER_PX, _ROOM_PX = 8, 20
+# Where no edge is smeared by as much, nothing is averaged, and a view is shown once.
 _SMEARED_PX = 2.0
 _RAY_OFFSET_IN_DIAMETERS = 0.002
 

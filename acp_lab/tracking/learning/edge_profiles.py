@@ -338,6 +338,23 @@ def _describe(
     return count
 
 
+@kernel("void(f4[:, ::1], f4[:, ::1], f4[::1], f4[:, ::1])", fastmath=frozenset({"contract"}))
+def _layer(inputs: Float32Array, weights: Float32Array, bias: Float32Array, outputs: Float32Array) -> None:
+    """Fill outputs (4, m): inputs (4, n) times weights (n, m), plus bias (m,); each weight is read once for all."""
+    count = weights.shape[1]
+    for j in range(count):
+        for row in range(4):
+            outputs[row, j] = bias[j]
+    for i in range(len(weights)):
+        a, b, c, d = inputs[0, i], inputs[1, i], inputs[2, i], inputs[3, i]
+        for j in range(count):
+            weight = weights[i, j]
+            outputs[0, j] += a * weight
+            outputs[1, j] += b * weight
+            outputs[2, j] += c * weight
+            outputs[3, j] += d * weight
+
+
 @kernel(
     "void(f4[:, ::1], f4[::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1])",
     fastmath=frozenset({"contract"}),
@@ -346,52 +363,28 @@ def _ask(
     features: Float32Array, mean: Float32Array, scale: Float32Array, first: Float32Array, first_bias: Float32Array,
     second: Float32Array, second_bias: Float32Array, last: Float32Array, last_bias: Float32Array, found: Float32Array,
 ) -> None:  # fmt: skip
-    """Fill found (k, 2), see `ProfileNetwork.__call__`, for features (k, FEATURES).
-
-    Four candidates at a time, for which each weight is read once.
-    """
+    """Fill found (k, 2), see `ProfileNetwork.__call__`, for features (k, FEATURES), four candidates at a time."""
     count, inputs = features.shape
-    hidden, farther = np.empty((4, first.shape[1]), np.float32), np.empty((4, second.shape[1]), np.float32)
+    shown, hidden = np.empty((4, inputs), np.float32), np.empty((4, first.shape[1]), np.float32)
+    farther = np.empty((4, second.shape[1]), np.float32)
     farthest, nothing = np.float32(FARTHEST), np.float32(0.0)
     for start in range(0, count, 4):
-        for j in range(first.shape[1]):
-            for q in range(4):
-                hidden[q, j] = first_bias[j]
-        # The last four may be fewer: their last is asked again.
-        r0, r1 = start, min(start + 1, count - 1)
-        r2, r3 = min(start + 2, count - 1), min(start + 3, count - 1)
-        for i in range(inputs):
-            centre, narrow = mean[i], scale[i]
-            a = min(max((features[r0, i] - centre) * narrow, -farthest), farthest)
-            b = min(max((features[r1, i] - centre) * narrow, -farthest), farthest)
-            c = min(max((features[r2, i] - centre) * narrow, -farthest), farthest)
-            d = min(max((features[r3, i] - centre) * narrow, -farthest), farthest)
-            for j in range(first.shape[1]):
-                weight = first[i, j]
-                hidden[0, j] += a * weight
-                hidden[1, j] += b * weight
-                hidden[2, j] += c * weight
-                hidden[3, j] += d * weight
-        for j in range(second.shape[1]):
-            for q in range(4):
-                farther[q, j] = second_bias[j]
-        for i in range(second.shape[0]):
-            a, b = max(hidden[0, i], nothing), max(hidden[1, i], nothing)
-            c, d = max(hidden[2, i], nothing), max(hidden[3, i], nothing)
-            for j in range(second.shape[1]):
-                weight = second[i, j]
-                farther[0, j] += a * weight
-                farther[1, j] += b * weight
-                farther[2, j] += c * weight
-                farther[3, j] += d * weight
-        for q in range(min(4, count - start)):
-            shift, spread = last_bias[0], last_bias[1]
-            for j in range(last.shape[0]):
-                value = max(farther[q, j], nothing)
+        for row in range(4):
+            # The last four may be fewer: their last is asked again.
+            k = min(start + row, count - 1)
+            for i in range(inputs):
+                shown[row, i] = min(max((features[k, i] - mean[i]) * scale[i], -farthest), farthest)
+        _layer(shown, first, first_bias, hidden)
+        np.maximum(hidden, nothing, hidden)
+        _layer(hidden, second, second_bias, farther)
+        for row in range(min(4, count - start)):
+            shift, log_spread = last_bias[0], last_bias[1]
+            for j in range(len(last)):
+                value = max(farther[row, j], nothing)
                 shift += value * last[j, 0]
-                spread += value * last[j, 1]
-            found[start + q, 0] = shift
-            found[start + q, 1] = min(max(spread, np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
+                log_spread += value * last[j, 1]
+            found[start + row, 0] = shift
+            found[start + row, 1] = min(max(log_spread, np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
 
 
 @kernel("void(f4[:, ::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[:, ::1], f8[:, ::1])")
