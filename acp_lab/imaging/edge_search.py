@@ -28,6 +28,8 @@ SCHARR_GAIN = 1.0 / 32.0
 DISPLAY_GAMMA = 1.8
 # A smear that is longer says little of where the edge is.
 _WIDEST_PX = 12.0
+# Below this grey level the encoding is nearly straight, as that of sRGB is; and a step out of black is no noise.
+_DARK = 4.0
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,14 @@ def _linear_light(gamma: float) -> Float32Array:
     return table
 
 
+@lru_cache(maxsize=8)
+def slopes_of_encoding(gamma: float) -> Float32Array:
+    """(257,) grey levels per level of light at each grey level, see `edge_search_kernel.at_grey`."""
+    grey = np.clip(np.arange(257.0), _DARK, 255.0) / 255.0
+    table: Float32Array = (grey ** (1.0 - gamma) / gamma).astype(np.float32)
+    return table
+
+
 def half_widths(blur_px: FloatArray) -> IntArray:
     """(n,) px to either side over which slopes are averaged where motion smears an edge over blur_px (n,).
 
@@ -153,5 +163,6 @@ def search_along_normals(
     found = np.zeros((5, len(points), count))
     start, directions = (np.ascontiguousarray(a, np.float64) for a in (points - patch.origin, normals))
     halves = np.zeros(len(points), np.int64) if blur_px is None else half_widths(blur_px)
-    strongest_peaks(patch.channels, start, directions, reach_px, halves, config.contrast, patch.gamma, found)
+    encoding = slopes_of_encoding(patch.gamma)
+    strongest_peaks(patch.channels, start, directions, reach_px, halves, config.contrast, encoding, found)
     return Candidates(*found)

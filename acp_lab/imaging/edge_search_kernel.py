@@ -9,8 +9,8 @@ from acp_lab.geometry.arrays import Float32Array, FloatArray, IntArray
 
 FLANK_PX = 3
 _TINY = 1e-6
-# Below this grey level the encoding is nearly straight, as that of sRGB is; and a step out of black is no noise.
-_DARK = 4.0
+# px; more than single precision rounds a place in a large image.
+_ROUNDED = 0.01
 
 
 @kernel("UniTuple(f8, 3)(f4[:, :, ::1], f8, f8)")
@@ -46,8 +46,8 @@ def read_pixel(channels: Float32Array, x: float, y: float) -> tuple[float, float
     )
 
 
-@kernel("void(f4[:, :, ::1], f8, f8, f8, f8, f8[:, ::1])", fastmath=frozenset({"contract"}))
-def read_profile(channels: Float32Array, x: float, y: float, nx: float, ny: float, profile: FloatArray) -> None:
+@kernel("void(f4[:, :, ::1], f8, f8, f8, f8, f4[:, ::1])", fastmath=frozenset({"contract"}))
+def read_profile(channels: Float32Array, x: float, y: float, nx: float, ny: float, profile: Float32Array) -> None:
     """Fill profile (3, n) at n places a px apart from (x, y) on: slope along (nx, ny) and across it, grey; 0 outside.
 
     channels: see `strongest_peaks`.
@@ -55,30 +55,34 @@ def read_profile(channels: Float32Array, x: float, y: float, nx: float, ny: floa
     height, width = channels.shape[:2]
     count = profile.shape[1]
     end_x, end_y = x + (count - 1) * nx, y + (count - 1) * ny
-    if min(x, end_x) >= 0.0 and max(x, end_x) < width - 1 and min(y, end_y) >= 0.0 and max(y, end_y) < height - 1:
+    low_x, high_x, low_y, high_y = min(x, end_x), max(x, end_x), min(y, end_y), max(y, end_y)
+    if low_x > _ROUNDED and high_x < width - 1 - _ROUNDED and low_y > _ROUNDED and high_y < height - 1 - _ROUNDED:
+        # All in single precision, in which twice as many places are read at once.
+        fx, fy, fnx, fny = np.float32(x), np.float32(y), np.float32(nx), np.float32(ny)
         for k in range(count):
-            px, py = x + k * nx, y + k * ny
+            px, py = fx + np.float32(k) * fnx, fy + np.float32(k) * fny
             # Unsigned: no index can be meant from the end.
-            column, row = np.uint64(px), np.uint64(py)
-            beside, below = column + np.uint64(1), row + np.uint64(1)
-            right, down = px - column, py - row
+            column, row = np.uint32(px), np.uint32(py)
+            right, down = px - np.float32(column), py - np.float32(row)
+            left, upper = np.uint64(column), np.uint64(row)
+            beside, below = left + np.uint64(1), upper + np.uint64(1)
             d = right * down
-            b, c, a = right - d, down - d, 1.0 - right - down + d
-            gx = a * channels[row, column, 0] + b * channels[row, beside, 0]
-            gx += c * channels[below, column, 0] + d * channels[below, beside, 0]
-            gy = a * channels[row, column, 1] + b * channels[row, beside, 1]
-            gy += c * channels[below, column, 1] + d * channels[below, beside, 1]
-            grey = a * channels[row, column, 2] + b * channels[row, beside, 2]
-            grey += c * channels[below, column, 2] + d * channels[below, beside, 2]
-            profile[0, k], profile[1, k], profile[2, k] = nx * gx + ny * gy, ny * gx - nx * gy, grey
+            b, c, a = right - d, down - d, np.float32(1.0) - right - down + d
+            gx = a * channels[upper, left, 0] + b * channels[upper, beside, 0]
+            gx += c * channels[below, left, 0] + d * channels[below, beside, 0]
+            gy = a * channels[upper, left, 1] + b * channels[upper, beside, 1]
+            gy += c * channels[below, left, 1] + d * channels[below, beside, 1]
+            grey = a * channels[upper, left, 2] + b * channels[upper, beside, 2]
+            grey += c * channels[below, left, 2] + d * channels[below, beside, 2]
+            profile[0, k], profile[1, k], profile[2, k] = fnx * gx + fny * gy, fny * gx - fnx * gy, grey
     else:
         for k in range(count):
             gx, gy, grey = read_pixel(channels, x + k * nx, y + k * ny)
             profile[0, k], profile[1, k], profile[2, k] = nx * gx + ny * gy, ny * gx - nx * gy, grey
 
 
-@kernel("i8(f8[::1], i8, f8[::1], i8[::1])")
-def local_maxima(along: FloatArray, margin: int, squares: FloatArray, places: IntArray) -> int:
+@kernel("i8(f4[::1], i8, f4[::1], i8[::1])")
+def local_maxima(along: Float32Array, margin: int, squares: Float32Array, places: IntArray) -> int:
     """Fill squares (n,) of along (n,) and places with their local maxima, `margin` from the ends; returns how many.
 
     Without a branch: which places are maxima no processor can foresee.
@@ -92,8 +96,8 @@ def local_maxima(along: FloatArray, margin: int, squares: FloatArray, places: In
     return count
 
 
-@kernel("void(f8[::1], i8, i8, f8[::1])")
-def average_along(values: FloatArray, first: int, half: int, found: FloatArray) -> None:
+@kernel("void(f4[::1], i8, i8, f4[::1])")
+def average_along(values: Float32Array, first: int, half: int, found: Float32Array) -> None:
     """Fill found (m,): the mean of 2 half + 1 neighbours about values[first], values[first + 1] and so on."""
     if half == 0:
         for k in range(len(found)):
@@ -108,15 +112,24 @@ def average_along(values: FloatArray, first: int, half: int, found: FloatArray) 
             total += values[first + k + half + 1] - values[first + k - half]
 
 
-@kernel("void(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], i8, i8[::1], f8, f8, f8[:, :, ::1])")
+@kernel("f4(f4[::1], f4)")
+def at_grey(table: Float32Array, grey: float) -> float:
+    """A table (257,) of the grey levels 0 to 255, and its end once more, at a grey level between them."""
+    within = np.float32(min(max(grey, 0.0), 255.0))
+    level = np.uint64(np.uint32(within))
+    low: float = table[level]
+    return low + (within - np.float32(level)) * (table[level + np.uint64(1)] - low)
+
+
+@kernel("void(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], i8, i8[::1], f8, f4[::1], f8[:, :, ::1])")
 def strongest_peaks(
     channels: Float32Array, points: FloatArray, normals: FloatArray, reach_px: int, halves: IntArray, contrast: float,
-    gamma: float, found: FloatArray,
+    encoding: Float32Array, found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (5, n, m), zeros before: offset, score, gradient, grey before and after, of the m best peaks.
 
     channels: (h, w, 3) gradient x and y in linear light, and grey. points: (n, 2) px of it; normals: (n, 2) unit.
-    halves: (n,) px to either side over which slopes are averaged.
+    halves: (n,) px to either side over which slopes are averaged. encoding: see `edge_search.slopes_of_encoding`.
     """
     most, middle = found.shape[2], reach_px + FLANK_PX
     if most == 0:
@@ -124,12 +137,12 @@ def strongest_peaks(
     room = 0
     for i in range(len(halves)):
         room = max(room, halves[i])
-    profile, bend = np.empty((3, 2 * (middle + room) + 1)), np.float32(1.0 - gamma)
-    along, across, greys = np.empty(2 * middle + 1), np.empty(2 * middle + 1), profile[2]
-    squares, places, chosen = np.empty(len(along)), np.empty(len(along), np.int64), np.empty(most, np.int64)
+    profile = np.empty((3, 2 * (middle + room) + 1), np.float32)
+    along, across, greys = np.empty(2 * middle + 1, np.float32), np.empty(2 * middle + 1, np.float32), profile[2]
+    squares, places, chosen = np.empty_like(along), np.empty(len(along), np.int64), np.empty(most, np.int64)
+    asked, tiny, start = np.float32(contrast), np.float32(_TINY), middle + room
     for i in range(len(points)):
         nx, ny = normals[i, 0], normals[i, 1]
-        start = middle + room
         read_profile(channels, points[i, 0] - start * nx, points[i, 1] - start * ny, nx, ny, profile)
         average_along(profile[0], room, halves[i], along)
         average_along(profile[1], room, halves[i], across)
@@ -137,12 +150,13 @@ def strongest_peaks(
         for place in range(local_maxima(along, FLANK_PX, squares, places)):
             k = places[place]
             # The squared cosine between gradient and normal, then contrast.
-            score = squares[k] / (squares[k] + across[k] * across[k] + _TINY)
+            score = squares[k] / (squares[k] + across[k] * across[k] + tiny)
             if kept == most and score <= found[1, i, most - 1]:
                 continue
             # Grey levels per level of light, where the edge is.
-            encoded = np.float32(max(greys[room + k], _DARK) / 255.0) ** bend / gamma
-            score *= squares[k] / (squares[k] + (contrast / encoded) ** 2)
+            encoded = at_grey(encoding, greys[room + k])
+            limit = asked / encoded
+            score *= squares[k] / (squares[k] + limit * limit)
             slot = kept
             if kept == most:
                 if score <= found[1, i, most - 1]:

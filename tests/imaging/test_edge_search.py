@@ -304,6 +304,7 @@ def test_the_search_agrees_with_its_slow_twin(seed: int, reach: int) -> None:
             nearest = order[np.abs(found.offsets[row, order] - peak[0]).argmin()]
             assert found.offsets[row, nearest] == pytest.approx(peak[0], abs=1e-3)
             assert found.scores[row, nearest] == pytest.approx(peak[1], abs=1e-3)
-            assert found.gradients[row, nearest] == pytest.approx(peak[2], abs=1e-3)
+            # Read from a table, which in the darkest grey is 1% off between two levels.
+            assert found.gradients[row, nearest] == pytest.approx(peak[2], rel=0.015, abs=1e-3)
             assert found.before[row, nearest] == pytest.approx(peak[3], abs=1e-2)
             assert found.after[row, nearest] == pytest.approx(peak[4], abs=1e-2)

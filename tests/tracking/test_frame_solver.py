@@ -101,8 +101,9 @@ def test_a_search_nearby_needs_less_of_the_image_filtered(
     found = [solver.solve(seen, seen.view.at_pose(prior), Stopwatch(), near) for seen in (whole, less)]
     assert found[0] is not None
     assert found[1] is not None
-    np.testing.assert_allclose(found[1].cam_T_obj, found[0].cam_T_obj, atol=1e-8)
-    assert found[1].score == pytest.approx(found[0].score, abs=1e-9)
+    # Places in the image are single precision, and are counted from the crop's corner.
+    np.testing.assert_allclose(found[1].cam_T_obj, found[0].cam_T_obj, atol=1e-4)
+    assert found[1].score == pytest.approx(found[0].score, abs=1e-5)
 
 
 def test_an_estimate_is_judged_worse_away_from_the_truth(

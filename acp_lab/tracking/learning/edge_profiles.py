@@ -27,7 +27,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.files import replacing
 from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search import Candidates, ImagePatch, half_widths
-from acp_lab.imaging.edge_search_kernel import average_along, read_profile
+from acp_lab.imaging.edge_search_kernel import at_grey, average_along, read_profile
 from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM
 
 WEIGHTS = Path(__file__).with_name("edge_profiles.safetensors")
@@ -142,11 +142,13 @@ class ProfileNetwork:
     def __call__(self, features: Float32Array) -> Float32Array:
         """(k, 2) of features (k, FEATURES): px across the edge from the image's to the CAD's, and log of its spread."""
         (first, second, last), (first_bias, second_bias, last_bias) = self.weights, self.biases
-        found = np.empty((len(features), 2), np.float32)
-        _ask(
-            np.ascontiguousarray(features), self.mean, self.scale, first, first_bias, second, second_bias, last,
-            last_bias, found,
-        )  # fmt: skip
+        shown, found = np.empty(features.shape, np.float32), np.empty((len(features), 2), np.float32)
+        _standardise(np.ascontiguousarray(features), self.mean, self.scale, shown)
+        hidden: Float32Array = shown @ first
+        _rectify(hidden, first_bias)
+        farther: Float32Array = hidden @ second
+        _rectify(farther, second_bias)
+        _answer(farther, last, last_bias, found)
         return found
 
 
@@ -227,28 +229,20 @@ class EdgeProfiles:
 
 
 @lru_cache(maxsize=8)
-def _log_light(gamma: float) -> FloatArray:
-    """(257,) logarithm of the light that grey levels stand for; black is 2% of white, lest noise has a say."""
-    table: FloatArray = np.log((np.minimum(np.arange(257.0), 255.0) / 255.0) ** gamma + 0.02)
+def _log_light(gamma: float) -> Float32Array:
+    """(257,) logarithm of the light at each grey level, see `at_grey`; black is 2% of white, lest noise has a say."""
+    table: Float32Array = np.log((np.minimum(np.arange(257.0), 255.0) / 255.0) ** gamma + 0.02).astype(np.float32)
     return table
-
-
-@kernel("f8(f8[::1], f8)")
-def _light(table: FloatArray, grey: float) -> float:
-    """`_log_light` between grey levels."""
-    grey = min(max(grey, 0.0), 255.0)
-    level = int(grey)
-    return float(table[level] + (grey - level) * (table[level + 1] - table[level]))
 
 
 @kernel(
     "i8(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], b1[::1], b1[::1],"
-    " i8[::1], b1[::1], f8[:, ::1], f8, f8[::1], f8, f8, f8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f4[:, ::1])"
+    " i8[::1], b1[::1], f8[:, ::1], f8, f4[::1], f8, f8, f8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f4[:, ::1])"
 )
 def _describe(
     channels: Float32Array, points: FloatArray, normals: FloatArray, offsets: FloatArray, scores: FloatArray,
     points_obj: FloatArray, normals_obj: FloatArray, crease: BoolArray, convex: BoolArray, ids: IntArray,
-    outline: BoolArray, pose: FloatArray, focal: float, light: FloatArray, sigma: float, least: float,
+    outline: BoolArray, pose: FloatArray, focal: float, light: Float32Array, sigma: float, least: float,
     smear: FloatArray, halves: IntArray, rows: IntArray, columns: IntArray, sides: FloatArray, features: Float32Array,
 ) -> int:  # fmt: skip
     """Fill rows, columns, sides and features, see `Profiles`; returns how many candidates were described."""
@@ -259,8 +253,8 @@ def _describe(
     for i in range(len(halves)):
         room = max(room, halves[i])
     middle = room + _REACH_PX
-    raw = np.empty((3, 2 * middle + 1))
-    profile, greys = np.empty((2, _PROFILE)), raw[2]
+    raw = np.empty((3, 2 * middle + 1), np.float32)
+    profile, greys = np.empty((2, _PROFILE), np.float32), raw[2]
     for i in range(len(points)):
         sample, nx, ny = ids[i], normals[i, 0], normals[i, 1]
         for k in range(3):
@@ -320,9 +314,9 @@ def _describe(
             place += 5
             row[place], row[place + 1] = np.log(peak), sign
             beside, far = half + _BESIDE_PX, half + _REACH_PX
-            row[place + 2] = _light(light, greys[middle - beside])
-            row[place + 3] = _light(light, greys[middle + beside])
-            row[place + 4], row[place + 5] = _light(light, greys[middle - far]), _light(light, greys[middle + far])
+            row[place + 2] = at_grey(light, greys[middle - beside])
+            row[place + 3] = at_grey(light, greys[middle + beside])
+            row[place + 4], row[place + 5] = at_grey(light, greys[middle - far]), at_grey(light, greys[middle + far])
             row[place + 6], row[place + 7] = scale, scores[i, m]
             place += 8
             for k in range(3):
@@ -338,53 +332,33 @@ def _describe(
     return count
 
 
-@kernel("void(f4[:, ::1], f4[:, ::1], f4[::1], f4[:, ::1])", fastmath=frozenset({"contract"}))
-def _layer(inputs: Float32Array, weights: Float32Array, bias: Float32Array, outputs: Float32Array) -> None:
-    """Fill outputs (4, m): inputs (4, n) times weights (n, m), plus bias (m,); each weight is read once for all."""
-    count = weights.shape[1]
-    for j in range(count):
-        for row in range(4):
-            outputs[row, j] = bias[j]
-    for i in range(len(weights)):
-        a, b, c, d = inputs[0, i], inputs[1, i], inputs[2, i], inputs[3, i]
-        for j in range(count):
-            weight = weights[i, j]
-            outputs[0, j] += a * weight
-            outputs[1, j] += b * weight
-            outputs[2, j] += c * weight
-            outputs[3, j] += d * weight
+@kernel("void(f4[:, ::1], f4[::1], f4[::1], f4[:, ::1])")
+def _standardise(features: Float32Array, mean: Float32Array, scale: Float32Array, shown: Float32Array) -> None:
+    """Fill shown (k, n): features (k, n) less their mean (n,), times scale (n,), within `FARTHEST`."""
+    farthest = np.float32(FARTHEST)
+    for k in range(len(features)):
+        for i in range(features.shape[1]):
+            shown[k, i] = min(max((features[k, i] - mean[i]) * scale[i], -farthest), farthest)
 
 
-@kernel(
-    "void(f4[:, ::1], f4[::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1], f4[::1], f4[:, ::1])",
-    fastmath=frozenset({"contract"}),
-)
-def _ask(
-    features: Float32Array, mean: Float32Array, scale: Float32Array, first: Float32Array, first_bias: Float32Array,
-    second: Float32Array, second_bias: Float32Array, last: Float32Array, last_bias: Float32Array, found: Float32Array,
-) -> None:  # fmt: skip
-    """Fill found (k, 2), see `ProfileNetwork.__call__`, for features (k, FEATURES), four candidates at a time."""
-    count, inputs = features.shape
-    shown, hidden = np.empty((4, inputs), np.float32), np.empty((4, first.shape[1]), np.float32)
-    farther = np.empty((4, second.shape[1]), np.float32)
-    farthest, nothing = np.float32(FARTHEST), np.float32(0.0)
-    for start in range(0, count, 4):
-        for row in range(4):
-            # The last four may be fewer: their last is asked again.
-            k = min(start + row, count - 1)
-            for i in range(inputs):
-                shown[row, i] = min(max((features[k, i] - mean[i]) * scale[i], -farthest), farthest)
-        _layer(shown, first, first_bias, hidden)
-        np.maximum(hidden, nothing, hidden)
-        _layer(hidden, second, second_bias, farther)
-        for row in range(min(4, count - start)):
-            shift, log_spread = last_bias[0], last_bias[1]
-            for j in range(len(last)):
-                value = max(farther[row, j], nothing)
-                shift += value * last[j, 0]
-                log_spread += value * last[j, 1]
-            found[start + row, 0] = shift
-            found[start + row, 1] = min(max(log_spread, np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
+@kernel("void(f4[:, ::1], f4[::1])")
+def _rectify(units: Float32Array, bias: Float32Array) -> None:
+    """Add bias (m,) to units (k, m), and put 0 where that is less."""
+    for k in range(len(units)):
+        for j in range(units.shape[1]):
+            units[k, j] = max(units[k, j] + bias[j], np.float32(0.0))
+
+
+@kernel("void(f4[:, ::1], f4[:, ::1], f4[::1], f4[:, ::1])", fastmath=frozenset({"contract", "reassoc"}))
+def _answer(units: Float32Array, weights: Float32Array, bias: Float32Array, found: Float32Array) -> None:
+    """Fill found (k, 2), see `ProfileNetwork.__call__`: units (k, m) times weights (m, 2), plus bias (2,)."""
+    for k in range(len(units)):
+        shift, log_spread = bias[0], bias[1]
+        for j in range(units.shape[1]):
+            shift += units[k, j] * weights[j, 0]
+            log_spread += units[k, j] * weights[j, 1]
+        found[k, 0] = shift
+        found[k, 1] = min(max(log_spread, np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
 
 
 @kernel("void(f4[:, ::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[:, ::1], f8[:, ::1])")

@@ -129,7 +129,7 @@ def _fit_smears(
     """
     middle = smears.shape[2] // 2
     far = middle + _OFF_PX
-    profile, seen = np.empty((3, 2 * far + 1)), 0
+    profile, seen = np.empty((3, 2 * far + 1), np.float32), 0
     slopes = profile[0]
     for i in range(len(points)):
         nx, ny = normals[i, 0], normals[i, 1]

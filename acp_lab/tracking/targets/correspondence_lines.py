@@ -117,8 +117,9 @@ def _bins_on(pixels: ByteImage, x: float, y: float, dx: float, dy: float, first:
     low_y, high_y = min(y + first * dy, y + last * dy), max(y + first * dy, y + last * dy)
     if low_x >= 0.0 and high_x < width - 1 and low_y >= 0.0 and high_y < height - 1:
         for k in range(len(bins)):
-            # Unsigned: no index can be meant from the end.
-            column, row = np.uint64(x + (first + k) * dx + 0.5), np.uint64(y + (first + k) * dy + 0.5)
+            # Unsigned: no index can be meant from the end; by way of signed, for which processors have an instruction.
+            px, py = x + (first + k) * dx + 0.5, y + (first + k) * dy + 0.5
+            column, row = np.uint64(np.int64(px)), np.uint64(np.int64(py))
             bins[k] = colour_bin(pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2])
     else:
         for k in range(len(bins)):

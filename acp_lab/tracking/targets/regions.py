@@ -70,7 +70,7 @@ class RegionLines:
     kind: ClassVar[str] = "regions"
     searches: ClassVar[bool] = False
     lines: int = 200
-    reach_px: float = 24.0
+    reach_px: float = 12.0
     colours: ColourConfig = field(default_factory=ColourConfig)
     precision: float = 2.0
     fine_share: float = 0.9

@@ -154,7 +154,8 @@ def test_how_far_lines_are_free_is_seen_in_the_rendered_mask() -> None:
     part = Part.from_mesh(np.concatenate([rail.vertices for rail in rails]), np.concatenate(faces), "rails")
     pose = looking_at(part, np.array([0.1, 0.15, 1.0]), 330.0, 0.3)
     mask = mask_of(part, pose)
-    looked = looked_at(prepared(part), painted(mask), pose)
+    far = replace(ACP, targets=(NormalSearch(), RegionLines(reach_px=24.0)))
+    looked = looked_at(prepared(part), painted(mask), pose, far)
     lines = looked.lines(pose)
     assert len(lines) > 50
     way = np.arange(1.0, 25.0)
