@@ -62,7 +62,7 @@ class Alternatives:
     slack: float = 0.05
     gain: float = 0.03
     innovation_cost: float = 0.003
-    most_innovation: float = 30.0
+    most_innovation: float = 100.0
 
     def __post_init__(self) -> None:
         for name in ("below", "slack", "gain", "innovation_cost", "most_innovation"):

@@ -46,6 +46,9 @@ _QUALITY_RATE = 0.5
 _SCORE_RATE = 0.1
 # Share of the last score, or of the running mean where that is less, from which on a frame fits as usual.
 _USUAL = 0.92
+# The same share, above which nothing speaks against a place; and by how much the score of a better one is higher.
+_AS_BEFORE = 0.98
+_CLEARLY = 0.03
 
 
 class Tracker:
@@ -301,7 +304,8 @@ class Tracker:
         """The predicted pose, and the first try from there.
 
         From a sure prediction the part is not looked for, and of the levels only the last is asked, as the others find
-        the way; unless the frame then fits worse than usual. Else the part's last picture corrects the prediction.
+        the way; unless the frame then fits worse than usual. Else the part's last picture corrects the prediction, and
+        what all levels find is compared with what the last alone does.
         """
         schedule, short = self.method.schedule, None
         if isinstance(schedule, PixelSchedule) and self._predictor.is_sure(frame.camera):
@@ -311,6 +315,8 @@ class Tracker:
         unsighted = copy(self._predictor)
         was_sighted = self._sight(frame, clock)
         found = better(short, self._solve(frame, self.predicted, clock))
+        if short is None:
+            found = self._nearer(frame, found, clock)
         if was_sighted and (found is None or found.score < _USUAL * min(self._mean_score, self._last_score)):
             # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
             sighted, region, self._predictor = self._predictor, self._region, unsighted
@@ -320,6 +326,19 @@ class Tracker:
             else:
                 found = unled
         return self.predicted, found
+
+    def _nearer(self, frame: Frame, found: Solution | None, clock: Stopwatch) -> Solution | None:
+        """What all levels found, or what the last alone finds, where that fits clearly better.
+
+        A part that turns edge-on has several places where its outline fits; a wide level may leave the right one.
+        """
+        schedule = self.method.schedule
+        if not (isinstance(schedule, PixelSchedule) and self.method.prediction.weighs_images) or found is None:
+            return found
+        if found.score >= _AS_BEFORE * min(self._mean_score, self._last_score):
+            return found
+        near = self._solve(frame, self.predicted, clock, schedule.near)
+        return near if near is not None and near.score > found.score + _CLEARLY else found
 
     def _solve(
         self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None

@@ -288,6 +288,16 @@ def test_an_alternative_must_be_better_by_more_the_less_it_was_expected(
         assert (compared(solver, view, first) is not first) == (refined > needed)
 
 
+def test_no_place_far_from_the_expected_one_is_taken_for_a_part_that_is_half_hidden(
+    part: Part, view: View, predicted: FloatArray
+) -> None:
+    """What is left of it looks like a smaller part: scores as on `metal_hard` 3, where the place was right."""
+    first = first_try(view, 0.320)
+    for innovation, is_taken in ((60.4, False), (5.0, True)):
+        solver = Compared(part, predicted, {"predicted regions": 0.44}, refined=0.447, innovation=innovation)
+        assert (compared(solver, view, first, Alternatives()) is not first) == is_taken
+
+
 def test_without_a_first_try_any_plausible_alternative_will_do(part: Part, view: View, predicted: FloatArray) -> None:
     found = compared(Compared(part, predicted, {"last edges": 0.1}, refined=0.1, innovation=99.0), view, None)
     assert found is not None

@@ -684,6 +684,42 @@ def test_a_sure_prediction_is_solved_by_the_last_level_and_a_poor_fit_by_all(
     assert add_percent(part, result.cam_T_obj, jumped) < 2.0
 
 
+@pytest.mark.parametrize(
+    ("whole", "near", "tried", "taken"),
+    [(0.99, 1.5, 1, 0), (0.97, 0.98, 2, 0), (0.97, 1.01, 2, 1), (0.5, 0.1, 2, 0)],
+    ids=["as before", "no better", "clearly better", "worse"],
+)
+def test_where_all_levels_find_less_than_before_the_last_alone_has_its_try(
+    model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch, whole: float, near: float, tried: int,
+    taken: int,
+) -> None:  # fmt: skip
+    """A wide level may leave the place of a part that is seen edge-on for another where its outline fits."""
+    truth, images = truth_of(sequence), images_of(sequence)
+    tracker = Tracker(model, replace(AS_DRAWN, recovery=Off(), sight=Off()))
+    tracker.start(Frame(0, images[0], CAMERA), truth[0])
+    tracker._mean_score = tracker._last_score = 1.0
+    solve, found = FrameSolver.solve, list[Solution]()
+
+    def told(
+        solver: FrameSolver,
+        seen: SeenFrame,
+        start: Estimate,
+        clock: Stopwatch,
+        levels: tuple[Level, ...] | None = None,
+    ) -> Solution | None:
+        assert (levels is None) == (not found), "first all levels"
+        solution = solve(solver, seen, start, clock, levels)
+        assert solution is not None
+        solution.__dict__["score"] = near if found else whole
+        found.append(solution)
+        return solution
+
+    monkeypatch.setattr(FrameSolver, "solve", told)
+    result = tracker.track(Frame(1, images[1], CAMERA))
+    assert len(found) == tried
+    assert result.cam_T_obj is found[taken].cam_T_obj
+
+
 @pytest.mark.parametrize("wrong_px", [30.0, -35.0])
 def test_a_picture_that_was_found_elsewhere_does_not_lead_the_part_astray(
     part: Part, model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch, wrong_px: float
@@ -716,7 +752,8 @@ def test_a_try_that_was_not_taken_leaves_no_view_region_behind(
     truth, images = truth_of(sequence), images_of(sequence)
     tracker = Tracker(model, replace(ACP, recovery=Off()))
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
-    solve, regions = Tracker._solve, [4, 2]
+    # All levels, the last alone, and all from where the motion alone led.
+    solve, regions = Tracker._solve, [4, 4, 2]
 
     def in_turn(self: Tracker, *given: Any) -> Solution | None:
         found = solve(self, *given)
@@ -727,7 +764,7 @@ def test_a_try_that_was_not_taken_leaves_no_view_region_behind(
     monkeypatch.setattr(Tracker, "_solve", in_turn)
     monkeypatch.setattr(Tracker, "_sight", lambda *_: True)
     assert tracker.track(Frame(1, images[1], CAMERA)).region == 4
-    assert not regions, "both were tried"
+    assert not regions, "all were tried"
 
 
 def test_a_picture_is_not_searched_with_another_camera(
