@@ -210,6 +210,24 @@ def test_the_network_is_that_of_torch() -> None:
     np.testing.assert_allclose(made(features), expected, rtol=1e-4, atol=1e-5)
 
 
+def test_the_network_works_on_the_thread_that_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenBLAS makes work for several threads of more than 64 ** 3 multiplications, and waits for the slowest."""
+    asked, multiply = list[int](), np.matmul
+
+    def counted(left: Float32Array, right: Float32Array, out: Float32Array) -> Float32Array:
+        asked.append(len(left) * right.size)
+        return multiply(left, right, out=out)
+
+    features = np.random.default_rng(0).normal(size=(700, FEATURES)).astype(np.float32)
+    whole = shipped_network()(features)
+    monkeypatch.setattr(np, "matmul", counted)
+    np.testing.assert_allclose(shipped_network()(features), whole)
+    assert len(asked) > 2
+    assert max(asked) <= 64**3
+    one_by_one = np.concatenate([shipped_network()(row[None]) for row in features[::50]])
+    np.testing.assert_allclose(one_by_one, whole[::50], atol=1e-4)
+
+
 @pytest.mark.parametrize("value", [0.0, 1e30, -1e30])
 def test_the_shipped_network_answers_whatever_it_is_shown(value: float) -> None:
     found = shipped_network()(np.full((3, FEATURES), value, np.float32))
