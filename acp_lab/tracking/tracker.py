@@ -46,7 +46,7 @@ _QUALITY_RATE = 0.5
 _SCORE_RATE = 0.1
 # Share of the last score, or of the running mean where that is less, from which on a frame fits as usual.
 _USUAL = 0.92
-# The same share, above which nothing speaks against a place; and by how much the score of a better one is higher.
+# The same share, above which nothing speaks against a place; and the score by which a clearly better one is higher.
 _AS_BEFORE = 0.98
 _CLEARLY = 0.03
 
@@ -310,14 +310,14 @@ class Tracker:
         schedule, short = self.method.schedule, None
         if isinstance(schedule, PixelSchedule) and self._predictor.is_sure(frame.camera):
             short = self._solve(frame, self.predicted, clock, schedule.near)
-            if short is not None and short.score >= _USUAL * min(self._mean_score, self._last_score):
+            if self._fits(short, _USUAL):
                 return self.predicted, short
         unsighted = copy(self._predictor)
         was_sighted = self._sight(frame, clock)
         found = better(short, self._solve(frame, self.predicted, clock))
         if short is None:
             found = self._nearer(frame, found, clock)
-        if was_sighted and (found is None or found.score < _USUAL * min(self._mean_score, self._last_score)):
+        if was_sighted and not self._fits(found, _USUAL):
             # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
             sighted, region, self._predictor = self._predictor, self._region, unsighted
             unled = self._solve(frame, self.predicted, clock)
@@ -333,12 +333,16 @@ class Tracker:
         A part that turns edge-on has several places where its outline fits; a wide level may leave the right one.
         """
         schedule = self.method.schedule
-        if not (isinstance(schedule, PixelSchedule) and self.method.prediction.weighs_images) or found is None:
+        if not (isinstance(schedule, PixelSchedule) and self.method.prediction.weighs_images):
             return found
-        if found.score >= _AS_BEFORE * min(self._mean_score, self._last_score):
+        if found is None or self._fits(found, _AS_BEFORE):
             return found
         near = self._solve(frame, self.predicted, clock, schedule.near)
         return near if near is not None and near.score > found.score + _CLEARLY else found
+
+    def _fits(self, found: Solution | None, share: float) -> bool:
+        """Whether a solution scores that share of the last score, or of the running mean where that is less."""
+        return found is not None and found.score >= share * min(self._mean_score, self._last_score)
 
     def _solve(
         self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None

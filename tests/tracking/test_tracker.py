@@ -700,15 +700,10 @@ def test_where_all_levels_find_less_than_before_the_last_alone_has_its_try(
     tracker._mean_score = tracker._last_score = 1.0
     solve, found = FrameSolver.solve, list[Solution]()
 
-    def told(
-        solver: FrameSolver,
-        seen: SeenFrame,
-        start: Estimate,
-        clock: Stopwatch,
-        levels: tuple[Level, ...] | None = None,
-    ) -> Solution | None:
+    def told(*given: Any) -> Solution | None:
+        *_, levels = given
         assert (levels is None) == (not found), "first all levels"
-        solution = solve(solver, seen, start, clock, levels)
+        solution = solve(*given)
         assert solution is not None
         solution.__dict__["score"] = near if found else whole
         found.append(solution)

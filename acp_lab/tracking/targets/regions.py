@@ -55,7 +55,7 @@ class RegionLines:
     """Configuration: colours on lines across the outline.
 
     Attributes:
-        lines: at most; reach_px: how far a line may look for other parts of the part.
+        lines: at most; reach_px: how far a line may look for other parts of the part; colours are learnt within.
         colours: how they are learnt.
         precision: information of a line of full weight, per squared px, at coarse levels; fine_share: of it from
             `fine_sigma_px` downwards.
