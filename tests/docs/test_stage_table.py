@@ -1,4 +1,4 @@
-"""The table of stages in docs/benchmark.md: marks compare digits in the order of an entry, so its rows have to be in it."""
+"""The table of stages in docs/benchmark.md: marks compare digits in an entry's order, so its rows have to be in it."""
 
 from __future__ import annotations
 
