@@ -76,7 +76,7 @@ class Stages:
 
 def watch(stages: Stages) -> None:
     """Have the stages of `acp` measured."""
-    from acp_lab.tracking import frame_solver, tracker
+    from acp_lab.tracking import frame_solver, pursuit, tracker
     from acp_lab.tracking.kalman import PoseKalman
     from acp_lab.tracking.pose_descent import PoseLevel
     from acp_lab.tracking.priors import ControlPointDamping, MotionPrior
@@ -85,7 +85,7 @@ def watch(stages: Stages) -> None:
 
     watched: tuple[tuple[Any, str, str], ...] = (
         (tracker.Tracker, "_steady", "light: sudden changes"),
-        (tracker.Tracker, "_sight", "picture: where did it go"),
+        (pursuit.Pursuit, "sight", "picture: where did it go"),
         (PoseKalman, "observe", "motion filter"),
         (PoseKalman, "is_sure", "motion filter"),
         (PoseKalman, "information", "motion filter"),
@@ -103,7 +103,7 @@ def watch(stages: Stages) -> None:
         (RegionJudgement, "lines", "judging the pose"),
         (tracker.Tracker, "_quality", "judging the pose"),
         (tracker.Tracker, "_covariance", "judging the pose"),
-        (tracker, "recover", "second tries"),
+        (pursuit, "recover", "second tries"),
         (RegionMemory, "learn", "learning"),
         (tracker.Tracker, "_learn", "learning"),
     )

@@ -1,14 +1,14 @@
 """The tracker of one part, and the only frame loop: look, predict, solve, recover, learn, report.
 
-What it does in each stage is its method's (see `method`); the loop is the same for all. The state that goes from
-frame to frame is the paper's: four image control points I with their 3D points W, or the pose that says the same.
+What it does in each stage is its method's (see `method`); the loop is the same for all. How a frame's pose is found is
+in `pursuit`. The state that goes from frame to frame is the paper's: four image control points I with their 3D points
+W, or the pose that says the same.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from copy import copy
 
 import numpy as np
 
@@ -22,16 +22,12 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method, method_named
-from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.observer import Observer
-from acp_lab.tracking.picture_memory import PictureMemory
-from acp_lab.tracking.recovery import Alternatives, Situation, recover
+from acp_lab.tracking.pursuit import Pursuit
+from acp_lab.tracking.recovery import Alternatives
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
-from acp_lab.tracking.schedule import Level, PixelSchedule
-from acp_lab.tracking.search import WIDE_LEVELS, better, is_plausible
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.sought import Sought
@@ -40,15 +36,6 @@ from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tones import Tones
 from acp_lab.tracking.way_back import Reacquisition, Verdict
-
-# Share of a new frame in the running mean of the quality, with which recovery and learning compare.
-_QUALITY_RATE = 0.5
-_SCORE_RATE = 0.1
-# Share of the last score, or of the running mean where that is less, from which on a frame fits as usual.
-_USUAL = 0.92
-# The same share, above which nothing speaks against a place; and the score by which a clearly better one is higher.
-_AS_BEFORE = 0.98
-_CLEARLY = 0.03
 
 
 class Tracker:
@@ -79,13 +66,11 @@ class Tracker:
         self.method = method_named(method) if isinstance(method, str) else method
         self.part = model.part
         self.solver = FrameSolver(model, self.method)
+        self._pursuit = Pursuit(self.solver)
         self.records_steps = False
         self.records_target = False
         self._first: FirstFrame | None = None
-        self._carried: Estimate | None = None
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
-        sight = self.method.sight
-        self._pictures = None if isinstance(sight, Off) else PictureMemory(self.part, sight)
         way_back = self.method.way_back
         self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back)
         self._forget()
@@ -113,12 +98,12 @@ class Tracker:
     @property
     def predicted(self) -> FloatArray:
         """(4, 4) mm: the pose expected in the next frame; the last pose is `last`."""
-        return self._predictor.predict()
+        return self._pursuit.predicted
 
     @property
     def last(self) -> FloatArray:
         """(4, 4) mm: the pose that the next frame is predicted from."""
-        return self._predictor.last
+        return self._pursuit.last
 
     def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
         """Begin at a pose (4, 4) in the first frame.
@@ -134,8 +119,8 @@ class Tracker:
         self.solver.records_steps = self.records_steps
         pose = np.array(cam_T_obj, np.float64)
         frame = self._steady(frame, clock)
-        self._region = self._first_region(pose)
-        seen = self._look(frame, pose, clock)
+        self._pursuit.region = self._first_region(pose)
+        seen = self._pursuit.look(frame, pose, clock)
         started = None if seen is None else self._begin(seen, clock)
         if started is None:
             raise TrackingError(
@@ -146,18 +131,19 @@ class Tracker:
         matches = solution.judgement.matches
         if started.measures and matches is not None:
             self.solver.knowledge.measure_offsets(matches)
-            self._first = FirstFrame(frame, solution.cam_T_obj, self._region)
-        self._predictor.restart(solution.cam_T_obj)
-        self._carried = solution.estimate
+            self._first = FirstFrame(frame, solution.cam_T_obj, self._pursuit.region)
+        self._pursuit.restart(solution.cam_T_obj)
+        self._pursuit.carried = solution.estimate
         self._last_seen = solution.cam_T_obj
         self._started = True
         self._learn(frame, solution, clock, self._trusted)
-        self._mean_quality = solution.judgement.quality
+        self._pursuit.usual.mean_quality = solution.judgement.quality
         compares = isinstance(self.method.recovery, Alternatives) or self.method.prediction.weighs_images
         if seen is not None and compares:
             # Again, with what the first frame taught; later frames are compared with it.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
-            self._mean_score = self._last_score = (again or solution).score
+            usual = self._pursuit.usual
+            usual.mean_score = usual.last_score = (again or solution).score
         quality = self._quality(solution)
         note = self._states.begin(quality)
         if self._way_back is not None and self.model.views is not None:
@@ -172,13 +158,13 @@ class Tracker:
         """
         if not self._started:
             raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
-        begin_s, clock = time.perf_counter(), Stopwatch()
+        begin_s, clock, pursuit = time.perf_counter(), Stopwatch(), self._pursuit
         self.solver.records_steps = self.records_steps
         # Kept as long as every frame is seen: over a gap it would tell another motion.
         first, self._first = self._first, None
         if isinstance(frame, UnreadableFrame):
             predicted = self.predicted
-            self._predictor.coast()
+            pursuit.predictor.coast()
             self._fitted = False
             changed = self._states.update(0.0)
             note = f"{frame.reason}; {changed}" if changed else frame.reason
@@ -188,17 +174,18 @@ class Tracker:
         if proposals:
             predicted, solution = self.predicted, self._try(frame, proposals, clock)
         else:
-            predicted, solution = self._track(frame, clock)
+            predicted, solution = pursuit.follow(frame, clock)
             if not self._is_lost or self._way_back is None:
-                solution = self._recover(frame, predicted, solution, clock)
+                time_to_search = self._states.is_time_to_search()
+                solution = pursuit.recover(frame, predicted, solution, clock, time_to_search)
         quality = 0.0 if solution is None else self._quality(solution)
         if solution is not None and self._states.may_begin_to_track(quality):
             self._states.doubted = self._doubts(frame, solution, quality)
         note = self._states.update(quality)
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
-            self._predictor.restart(self.last)
-            self._carried, self._fitted = None, False
+            pursuit.restart(self.last)
+            self._fitted = False
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
         self._fitted = quality > self.method.states.found_above
         note = self._look_again(frame, solution, clock) or note
@@ -207,23 +194,19 @@ class Tracker:
             self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
         if self._is_lost and self._way_back is not None:
             # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
-            self._predictor.restart(solution.cam_T_obj if fits else self._last_seen)
-            self._carried = None
+            pursuit.restart(solution.cam_T_obj if fits else self._last_seen)
             if fits:
-                self._remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
+                pursuit.remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
         else:
-            self._predictor.observe(solution.cam_T_obj, quality, solution.information)
-            self._carried = solution.estimate
+            pursuit.go_on_from(solution, quality)
         if not self._is_lost:
             if self._states.doubted:
-                self._remember(frame, solution.cam_T_obj)
+                pursuit.remember(frame, solution.cam_T_obj)
             else:
                 self._learn(frame, solution, clock)
                 self._measure_again(first, solution.cam_T_obj, clock)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
-            self._mean_quality += _QUALITY_RATE * (solution.judgement.quality - self._mean_quality)
-            self._mean_score += _SCORE_RATE * (solution.score - self._mean_score)
-            self._last_score = solution.score
+            pursuit.usual.take_in(solution)
         return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(predicted) or note)
 
     def run(self, sequence: Sequence, start: FloatArray, observers: Iterable[Observer] = ()) -> TrackRun:
@@ -236,27 +219,22 @@ class Tracker:
 
         None where the part is behind the camera or outside the image.
         """
-        region = self.solver.choose_region(prior, self._region if self._started else None)
+        region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
             frame = self._tones.preview(frame)
-        return self.solver.look(frame.image, frame.camera, prior, region, motion=self._predictor.motion)
+        return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
 
     def _forget(self) -> None:
         self.solver.forget()
-        self._predictor = self.method.prediction.predictor(self.part.box_centre)
+        self._pursuit.forget()
         self._first = None
         self._states = StateMachine(self.method.states)
         if self._way_back is not None:
             self._way_back.forget()
         if self._tones is not None:
             self._tones.forget()
-        if self._pictures is not None:
-            self._pictures.forget()
         self._started = self._trusted = self._fitted = False
-        self._region = 0
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
-        self._mean_quality = self._mean_score = self._last_score = 0.0
-        self._carried = None
 
     def _first_region(self, pose: FloatArray) -> int:
         region = self.solver.choose_region(pose)
@@ -271,27 +249,11 @@ class Tracker:
 
     def _unprepared(self, predicted: FloatArray) -> str:
         """Says, once, that the part turned to where the generator was not prepared."""
-        if self._warned or self.solver.is_prepared_for(predicted, self._region):
+        if self._warned or self.solver.is_prepared_for(predicted, self._pursuit.region):
             return ""
         self._warned = True
-        natural = self.solver.natural_region(predicted)
-        return f"view region {natural} {NOT_PREPARED}: that of region {self._region} is used; accuracy will fall"
-
-    def _look(
-        self,
-        frame: Frame,
-        prior: FloatArray,
-        clock: Stopwatch,
-        information: FloatArray | None = None,
-        levels: tuple[Level, ...] | None = None,
-    ) -> SeenFrame | None:
-        clock.lap()
-        seen = self.solver.look(
-            frame.image, frame.camera, prior, self._region,
-            information=information, levels=levels, motion=self._predictor.motion,
-        )  # fmt: skip
-        clock.image_s += clock.lap()
-        return seen
+        natural, region = self.solver.natural_region(predicted), self._pursuit.region
+        return f"view region {natural} {NOT_PREPARED}: that of region {region} is used; accuracy will fall"
 
     def _begin(self, seen: SeenFrame, clock: Stopwatch) -> Started | None:
         config = self.method.start
@@ -299,89 +261,6 @@ class Tracker:
             return begin(self.solver, seen, config, clock)
         solution = self.solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
         return None if solution is None else Started(solution, trusted=False, measures=False)
-
-    def _track(self, frame: Frame, clock: Stopwatch) -> tuple[FloatArray, Solution | None]:
-        """The predicted pose, and the first try from there.
-
-        From a sure prediction the part is not looked for, and of the levels only the last is asked, as the others find
-        the way; unless the frame then fits worse than usual. Else the part's last picture corrects the prediction, and
-        what all levels find is compared with what the last alone does.
-        """
-        schedule, short = self.method.schedule, None
-        if isinstance(schedule, PixelSchedule) and self._predictor.is_sure(frame.camera):
-            short = self._solve(frame, self.predicted, clock, schedule.near)
-            if self._fits(short, _USUAL):
-                return self.predicted, short
-        unsighted = copy(self._predictor)
-        was_sighted = self._sight(frame, clock)
-        found = better(short, self._solve(frame, self.predicted, clock))
-        if short is None:
-            found = self._nearer(frame, found, clock)
-        if was_sighted and not self._fits(found, _USUAL):
-            # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
-            sighted, region, self._predictor = self._predictor, self._region, unsighted
-            unled = self._solve(frame, self.predicted, clock)
-            if better(found, unled) is found:
-                self._predictor, self._region = sighted, region
-            else:
-                found = unled
-        return self.predicted, found
-
-    def _nearer(self, frame: Frame, found: Solution | None, clock: Stopwatch) -> Solution | None:
-        """What all levels found, or what the last alone finds, where that fits clearly better.
-
-        A part that turns edge-on has several places where its outline fits; a wide level may leave the right one.
-        """
-        schedule = self.method.schedule
-        if not (isinstance(schedule, PixelSchedule) and self.method.prediction.weighs_images):
-            return found
-        if found is None or self._fits(found, _AS_BEFORE):
-            return found
-        near = self._solve(frame, self.predicted, clock, schedule.near)
-        return near if near is not None and near.score > found.score + _CLEARLY else found
-
-    def _fits(self, found: Solution | None, share: float) -> bool:
-        """Whether a solution scores that share of the last score, or of the running mean where that is less."""
-        return found is not None and found.score >= share * min(self._mean_score, self._last_score)
-
-    def _solve(
-        self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None
-    ) -> Solution | None:
-        """A try from the predicted pose or the control points that were carried on; levels: None for the method's."""
-        before, self._region = self._region, self.solver.choose_region(predicted, self._region)
-        seen = self._look(frame, predicted, clock, self._predictor.information(), levels)
-        if seen is None:
-            return None
-        # Another region has another W, so I begins anew as the projection of the pose.
-        start = self._carried_on(seen.view) if before == self._region else None
-        solution = self.solver.solve(seen, start or seen.view.at_pose(predicted), clock, levels)
-        return solution if solution and is_plausible(solution.cam_T_obj, self.last, self.part) else None
-
-    def _carried_on(self, view: View) -> Estimate | None:
-        """The last I, moved as the predicted motion moves it; None where the pose is what goes on."""
-        variables = self.method.variables
-        if self._carried is None or not isinstance(variables, ControlPointVariables) or variables.carry == "pose":
-            return None
-        ahead, behind = (view.at_pose(pose).control_points for pose in (view.prior, self.last))
-        near = view.prior if variables.direction == "rigid" else None  # where that direction goes on from
-        return view.at_points(self._carried.control_points + ahead - behind, near)
-
-    def _recover(
-        self, frame: Frame, predicted: FloatArray, first: Solution | None, clock: Stopwatch
-    ) -> Solution | None:
-        config = self.method.recovery
-        if isinstance(config, Off):
-            return first
-        situation = Situation(
-            predicted,
-            self.last,
-            self._predictor.moves,
-            self._mean_quality,
-            self._mean_score,
-            self._states.is_time_to_search(),
-            self._predictor.innovation_of,
-        )
-        return recover(self.solver, first, lambda pose: self._look(frame, pose, clock), situation, config, clock)
 
     def _quality(self, solution: Solution) -> float:
         """In [0, 1], as it is reported."""
@@ -434,15 +313,7 @@ class Tracker:
 
     def _try(self, frame: Frame, proposals: list[FloatArray], clock: Stopwatch) -> Solution | None:
         """The best solution from proposals; the search goes on around it where it fits."""
-        best, region = None, self._region
-        for pose in proposals:
-            self._region = self.solver.choose_region(pose)
-            seen = self._look(frame, pose, clock)
-            wide = None if seen is None else self.solver.solve(seen, seen.view.at_pose(pose), clock, WIDE_LEVELS[1:])
-            tried = None if seen is None or wide is None else self.solver.solve(seen, wide.estimate, clock)
-            if tried is not None and (best is None or tried.score > best.score):
-                best, region = tried, self._region
-        self._region = region
+        best = self._pursuit.best_of(frame, proposals, clock)
         if best is not None and self._way_back is not None and self._quality(best) > self.method.states.found_above:
             self._way_back.look_around(best.cam_T_obj)
         return best
@@ -456,22 +327,12 @@ class Tracker:
         clock.image_s += clock.lap()
         return steady
 
-    def _sight(self, frame: Frame, clock: Stopwatch) -> bool:
-        """Correct the prediction by where the part's last picture is in the new frame; whether that changed it."""
-        if self._pictures is None:
-            return False
-        clock.lap()
-        before = self.predicted
-        self._pictures.correct(self._predictor, frame)
-        clock.image_s += clock.lap()
-        return self.predicted is not before
-
     def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()
-        if self.solver.knowledge.learns_from(solution.judgement.quality, self._mean_quality):
+        if self.solver.knowledge.learns_from(solution.judgement.quality, self._pursuit.usual.mean_quality):
             for judgement in solution.judgements:
                 judgement.learn(trusted)
-            self._remember(frame, solution.cam_T_obj)
+            self._pursuit.remember(frame, solution.cam_T_obj)
         clock.learn_s += clock.lap()
 
     def _measure_again(self, first: FirstFrame | None, cam_T_obj: FloatArray, clock: Stopwatch) -> None:
@@ -480,11 +341,6 @@ class Tracker:
             clock.lap()
             self._first = first if first.measure_again(self.solver, cam_T_obj, clock) else None
             clock.learn_s += clock.lap()
-
-    def _remember(self, frame: Frame, pose: FloatArray) -> None:
-        """Take the part's picture, in which the next frame looks for it."""
-        if self._pictures is not None:
-            self._pictures.take(frame, pose)
 
     def _result(
         self,
@@ -505,7 +361,7 @@ class Tracker:
             loss=solution.loss,
             quality=quality,
             state=self._states.state,
-            region=self._region,
+            region=self._pursuit.region,
             edges=judgement.edges,
             residuals_px=judgement.residuals_px,
             iterations=solution.iterations,
@@ -534,7 +390,7 @@ class Tracker:
             loss=float("nan"),
             quality=0.0,
             state=self._states.state,
-            region=self._region,
+            region=self._pursuit.region,
             edges=None,
             residuals_px=None,
             iterations=0,
@@ -552,4 +408,4 @@ class Tracker:
     def _project(self, camera: Camera | None, pose: FloatArray) -> FloatArray:
         if camera is None:
             return np.full((4, 2), np.nan)
-        return camera.project(transform(pose, self.control_points_obj[self._region]))
+        return camera.project(transform(pose, self.control_points_obj[self._pursuit.region]))

@@ -33,6 +33,7 @@ from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.picture import Picture, PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction
+from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.session import PartTracker, track_sequence
@@ -697,7 +698,8 @@ def test_where_all_levels_find_less_than_before_the_last_alone_has_its_try(
     truth, images = truth_of(sequence), images_of(sequence)
     tracker = Tracker(model, replace(AS_DRAWN, recovery=Off(), sight=Off()))
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
-    tracker._mean_score = tracker._last_score = 1.0
+    usual = tracker._pursuit.usual
+    usual.mean_score = usual.last_score = 1.0
     solve, found = FrameSolver.solve, list[Solution]()
 
     def told(*given: Any) -> Solution | None:
@@ -731,8 +733,8 @@ def test_a_picture_that_was_found_elsewhere_does_not_lead_the_part_astray(
 
     monkeypatch.setattr(Picture, "shift_in", elsewhere)
     sights = list[bool]()
-    sight = Tracker._sight
-    monkeypatch.setattr(Tracker, "_sight", lambda *given: sights.append(sight(*given)) or sights[-1])
+    sight = Pursuit.sight
+    monkeypatch.setattr(Pursuit, "sight", lambda *given: sights.append(sight(*given)) or sights[-1])
     result, expected = (each.track(Frame(1, images[1], CAMERA)) for each in (tracker, unled))
     assert sights == [True, False], "it is believed"
     assert add_percent(part, result.cam_T_obj, truth[1]) < 2.0
@@ -748,16 +750,16 @@ def test_a_try_that_was_not_taken_leaves_no_view_region_behind(
     tracker = Tracker(model, replace(ACP, recovery=Off()))
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
     # All levels, the last alone, and all from where the motion alone led.
-    solve, regions = Tracker._solve, [4, 4, 2]
+    solve, regions = Pursuit.solve, [4, 4, 2]
 
-    def in_turn(self: Tracker, *given: Any) -> Solution | None:
+    def in_turn(self: Pursuit, *given: Any) -> Solution | None:
         found = solve(self, *given)
-        self._region = regions.pop(0)
-        self._mean_score = self._last_score = 10.0  # nothing is as good as usual
+        self.region = regions.pop(0)
+        self.usual.mean_score = self.usual.last_score = 10.0  # nothing is as good as usual
         return found if regions else None
 
-    monkeypatch.setattr(Tracker, "_solve", in_turn)
-    monkeypatch.setattr(Tracker, "_sight", lambda *_: True)
+    monkeypatch.setattr(Pursuit, "solve", in_turn)
+    monkeypatch.setattr(Pursuit, "sight", lambda *_: True)
     assert tracker.track(Frame(1, images[1], CAMERA)).region == 4
     assert not regions, "all were tried"
 

@@ -348,9 +348,10 @@ def test_a_part_that_is_back_is_looked_for_by_its_new_picture(
     beside[0, 3] += 7.0
     back = tracker.track(Frame(6, draw([(model.part, beside)], 6, LARGE), LARGE))
     assert back.state is TrackState.LOST  # it takes two frames
-    assert tracker._pictures is not None
-    assert tracker._pictures.kept is not None
-    _, pose, _ = tracker._pictures.kept
+    pictures = tracker._pursuit.pictures
+    assert pictures is not None
+    assert pictures.kept is not None
+    _, pose, _ = pictures.kept
     assert add_percent(model.part, pose, beside) < 2.0
 
 

@@ -1,0 +1,203 @@
+"""Where did the part go? From what the last frame left to the pose that fits the new one best.
+
+What is carried from frame to frame to answer that is kept here: how the part moves, the view region it is seen from,
+its control points, its last picture, and how well frames have fitted. A frame has one try from where the part is
+expected; where it then fits worse than usual it has more, from elsewhere and without what led the first one.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.frame_view import Estimate, View
+from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.motions import ControlPointVariables
+from acp_lab.tracking.picture_memory import PictureMemory
+from acp_lab.tracking.recovery import Situation, recover
+from acp_lab.tracking.schedule import Level, PixelSchedule
+from acp_lab.tracking.search import WIDE_LEVELS, better, is_plausible
+from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.usual_fit import UsualFit
+
+# Share of the last score, or of the running mean where that is less, from which on a frame fits as usual.
+_USUAL = 0.92
+# The same share, above which nothing speaks against a place; and the score by which a clearly better one is higher.
+_AS_BEFORE = 0.98
+_CLEARLY = 0.03
+
+
+class Pursuit:
+    """Follows one part by its solver's method.
+
+    Attributes:
+        solver: of single frames.
+        predictor: how the part moves.
+        region: 0..5, the view region in use.
+        carried: the last frame's estimate, from which control points go on; None where they begin anew.
+        usual: how well frames have fitted.
+        pictures: the part's last picture; None where the method does not look for it.
+    """
+
+    def __init__(self, solver: FrameSolver) -> None:
+        self.solver = solver
+        sight = solver.method.sight
+        self.pictures = None if isinstance(sight, Off) else PictureMemory(solver.part, sight)
+        self.forget()
+
+    def forget(self) -> None:
+        """Before a new track."""
+        self.predictor = self.solver.method.prediction.predictor(self.solver.part.box_centre)
+        self.region = 0
+        self.carried: Estimate | None = None
+        self.usual = UsualFit()
+        if self.pictures is not None:
+            self.pictures.forget()
+
+    @property
+    def predicted(self) -> FloatArray:
+        """(4, 4) mm: the pose expected in the next frame."""
+        return self.predictor.predict()
+
+    @property
+    def last(self) -> FloatArray:
+        """(4, 4) mm: the pose that the next frame is predicted from."""
+        return self.predictor.last
+
+    def restart(self, cam_T_obj: FloatArray) -> None:
+        """The part rests at a pose (4, 4), for all that is known."""
+        self.predictor.restart(cam_T_obj)
+        self.carried = None
+
+    def go_on_from(self, solution: Solution, quality: float) -> None:
+        """The next frame follows this one."""
+        self.predictor.observe(solution.cam_T_obj, quality, solution.information)
+        self.carried = solution.estimate
+
+    def look(
+        self,
+        frame: Frame,
+        prior: FloatArray,
+        clock: Stopwatch,
+        information: FloatArray | None = None,
+        levels: tuple[Level, ...] | None = None,
+    ) -> SeenFrame | None:
+        """A frame around the part at a pose (4, 4), from the region in use; the others as in `FrameSolver.look`."""
+        clock.lap()
+        seen = self.solver.look(
+            frame.image, frame.camera, prior, self.region,
+            information=information, levels=levels, motion=self.predictor.motion,
+        )  # fmt: skip
+        clock.image_s += clock.lap()
+        return seen
+
+    def follow(self, frame: Frame, clock: Stopwatch) -> tuple[FloatArray, Solution | None]:
+        """The predicted pose, and what is found from there.
+
+        From a sure prediction the part is not looked for, and of the levels only the last is asked, as the others find
+        the way; unless the frame then fits worse than usual. Else the part's last picture corrects the prediction, and
+        what all levels find is compared with what the last alone does.
+        """
+        schedule, short = self.solver.method.schedule, None
+        if isinstance(schedule, PixelSchedule) and self.predictor.is_sure(frame.camera):
+            short = self.solve(frame, self.predicted, clock, schedule.near)
+            if self.usual.reached(short, _USUAL):
+                return self.predicted, short
+        unsighted = copy(self.predictor)
+        was_sighted = self.sight(frame, clock)
+        found = better(short, self.solve(frame, self.predicted, clock))
+        if short is None:
+            found = self._nearer(frame, found, clock)
+        if was_sighted and not self.usual.reached(found, _USUAL):
+            # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
+            sighted, region, self.predictor = self.predictor, self.region, unsighted
+            unled = self.solve(frame, self.predicted, clock)
+            if better(found, unled) is found:
+                self.predictor, self.region = sighted, region
+            else:
+                found = unled
+        return self.predicted, found
+
+    def recover(
+        self, frame: Frame, predicted: FloatArray, first: Solution | None, clock: Stopwatch, time_to_search: bool
+    ) -> Solution | None:
+        """The first try, or a better one from elsewhere, see `recovery`."""
+        config = self.solver.method.recovery
+        if isinstance(config, Off):
+            return first
+        situation = Situation(
+            predicted,
+            self.last,
+            self.predictor.moves,
+            self.usual.mean_quality,
+            self.usual.mean_score,
+            time_to_search,
+            self.predictor.innovation_of,
+        )
+        return recover(self.solver, first, lambda pose: self.look(frame, pose, clock), situation, config, clock)
+
+    def best_of(self, frame: Frame, poses: list[FloatArray], clock: Stopwatch) -> Solution | None:
+        """The best solution from proposed poses (4, 4), wherever the part was expected."""
+        best, region = None, self.region
+        for pose in poses:
+            self.region = self.solver.choose_region(pose)
+            seen = self.look(frame, pose, clock)
+            wide = None if seen is None else self.solver.solve(seen, seen.view.at_pose(pose), clock, WIDE_LEVELS[1:])
+            tried = None if seen is None or wide is None else self.solver.solve(seen, wide.estimate, clock)
+            if tried is not None and (best is None or tried.score > best.score):
+                best, region = tried, self.region
+        self.region = region
+        return best
+
+    def solve(
+        self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None
+    ) -> Solution | None:
+        """A try from the predicted pose or the control points that were carried on; levels: None for the method's."""
+        before, self.region = self.region, self.solver.choose_region(predicted, self.region)
+        seen = self.look(frame, predicted, clock, self.predictor.information(), levels)
+        if seen is None:
+            return None
+        # Another region has another W, so I begins anew as the projection of the pose.
+        start = self._carried_on(seen.view) if before == self.region else None
+        solution = self.solver.solve(seen, start or seen.view.at_pose(predicted), clock, levels)
+        return solution if solution and is_plausible(solution.cam_T_obj, self.last, self.solver.part) else None
+
+    def sight(self, frame: Frame, clock: Stopwatch) -> bool:
+        """Correct the prediction by where the part's last picture is in the new frame; whether that changed it."""
+        if self.pictures is None:
+            return False
+        clock.lap()
+        before = self.predicted
+        self.pictures.correct(self.predictor, frame)
+        clock.image_s += clock.lap()
+        return self.predicted is not before
+
+    def remember(self, frame: Frame, pose: FloatArray) -> None:
+        """Take the part's picture at a pose (4, 4), in which the next frame looks for it."""
+        if self.pictures is not None:
+            self.pictures.take(frame, pose)
+
+    def _nearer(self, frame: Frame, found: Solution | None, clock: Stopwatch) -> Solution | None:
+        """What all levels found, or what the last alone finds, where that fits clearly better.
+
+        A part that turns edge-on has several places where its outline fits; a wide level may leave the right one.
+        """
+        method = self.solver.method
+        if not (isinstance(method.schedule, PixelSchedule) and method.prediction.weighs_images):
+            return found
+        if found is None or self.usual.reached(found, _AS_BEFORE):
+            return found
+        near = self.solve(frame, self.predicted, clock, method.schedule.near)
+        return near if near is not None and near.score > found.score + _CLEARLY else found
+
+    def _carried_on(self, view: View) -> Estimate | None:
+        """The last I, moved as the predicted motion moves it; None where the pose is what goes on."""
+        variables = self.solver.method.variables
+        if self.carried is None or not isinstance(variables, ControlPointVariables) or variables.carry == "pose":
+            return None
+        ahead, behind = (view.at_pose(pose).control_points for pose in (view.prior, self.last))
+        near = view.prior if variables.direction == "rigid" else None  # where that direction goes on from
+        return view.at_points(self.carried.control_points + ahead - behind, near)

@@ -1,0 +1,31 @@
+"""How well frames have fitted so far: what a new frame's fit is compared with."""
+
+from __future__ import annotations
+
+from acp_lab.tracking.solution import Solution
+
+# Share of a new frame in the running means: of the quality, with which learning and second tries compare, of the score.
+_QUALITY_RATE = 0.5
+_SCORE_RATE = 0.1
+
+
+class UsualFit:
+    """Of the frames of one tracked part.
+
+    Attributes:
+        mean_quality: running mean of what edges alone say, see `solution.Solution.quality`.
+        mean_score, last_score: running mean, and of the last frame, of what solutions are compared by.
+    """
+
+    def __init__(self) -> None:
+        self.mean_quality = self.mean_score = self.last_score = 0.0
+
+    def take_in(self, solution: Solution) -> None:
+        """A further frame."""
+        self.mean_quality += _QUALITY_RATE * (solution.judgement.quality - self.mean_quality)
+        self.mean_score += _SCORE_RATE * (solution.score - self.mean_score)
+        self.last_score = solution.score
+
+    def reached(self, found: Solution | None, share: float) -> bool:
+        """Whether a solution scores that share of the last score, or of the running mean where that is less."""
+        return found is not None and found.score >= share * min(self.mean_score, self.last_score)
