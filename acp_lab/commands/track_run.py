@@ -18,6 +18,7 @@ from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
 from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
+from acp_lab.errors import TrackingError
 from acp_lab.machine import short_collections
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -270,8 +271,14 @@ def _follow(
     seen, reporter = SummaryObserver(before), Reporter(min(count, most or count))
     trackers = {object_id: Tracker(model, method) for object_id, model in job.models.items()}
     observers = (listening[0], seen, reporter, *listening[1:])
-    with short_collections():
-        follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
+    try:
+        with short_collections():
+            follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
+    except TrackingError as error:
+        # Nothing but a start is refused.
+        if options.init in (None, "gt", "auto"):
+            raise
+        raise TrackingError(f"{options.init}: {error}") from None
     return seen.objects
 
 

@@ -274,7 +274,8 @@ def _focal_lengths(path: Path, values: dict[str, Any]) -> tuple[float, float]:
 def _dist(path: Path, values: dict[str, Any]) -> tuple[float, ...]:
     dist = values["dist"]
     if not isinstance(dist, list) or len(dist) != 5:
-        raise InputFileError(f"{path}: dist must be five numbers [k1, k2, p1, p2, k3], zeros if none")
+        given = repr(dist)[:60]
+        raise InputFileError(f"{path}: dist is {given}: give five numbers [k1, k2, p1, p2, k3], zeros if none")
     return tuple(_number(path, f"dist[{i}]", k) for i, k in enumerate(dist))
 
 

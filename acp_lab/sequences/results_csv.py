@@ -135,7 +135,21 @@ def read_results(path: str | Path) -> tuple[ResultRow, ...]:
     Raises InputFileError, one line naming file, line, value and fix, for a file that is missing or malformed
     and for a second row of the same scene, image and object.
     """
-    path = Path(path)
+    rows: list[ResultRow] = []
+    first_line: dict[tuple[int, int, int], int] = {}
+    for line, row in _read_lines(Path(path)):
+        if row.key in first_line:
+            raise InputFileError(
+                f"{path}: line {line}: scene {row.scene_id}, image {row.im_id}, object {row.obj_id} stands in line "
+                f"{first_line[row.key]} already: keep one row"
+            )
+        first_line[row.key] = line
+        rows.append(row)
+    return tuple(rows)
+
+
+def _read_lines(path: Path) -> list[tuple[int, ResultRow]]:
+    """All rows with the numbers of their lines."""
     try:
         check_regular(path, "give a results CSV file")
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -171,38 +185,34 @@ def rows_with_ends(path: Path) -> tuple[tuple[ResultRow, int], ...]:
 def start_poses(path: str | Path, scene_id: int, frame_id: int) -> dict[int, FloatArray]:
     """cam_T_obj (4, 4) by object id that a results file (POSES.csv) tells for one image.
 
-    Raises InputFileError as `read_results` does, SequenceError when the image is not in the file.
+    A detector writes several poses of one object, such as `acp-lab detect` does; the one with the highest score counts,
+    of equals the first. Raises InputFileError for a file that is missing or malformed, SequenceError when the image is
+    not in the file.
     """
-    rows = [row for row in read_results(path) if (row.scene_id, row.im_id) == (scene_id, frame_id)]
+    rows = [row for _, row in _read_lines(Path(path)) if (row.scene_id, row.im_id) == (scene_id, frame_id)]
     if not rows:
         raise SequenceError(
             f"{path}: no row for scene {scene_id}, image {frame_id}: add the start poses of its objects"
         )
-    return {row.obj_id: row.cam_T_obj for row in sorted(rows, key=lambda row: row.obj_id)}
+    best: dict[int, ResultRow] = {}
+    for row in rows:
+        if row.obj_id not in best or row.score > best[row.obj_id].score:
+            best[row.obj_id] = row
+    return {object_id: best[object_id].cam_T_obj for object_id in sorted(best)}
 
 
-def _read_rows(path: Path, lines: Iterable[str]) -> tuple[ResultRow, ...]:
+def _read_rows(path: Path, lines: Iterable[str]) -> list[tuple[int, ResultRow]]:
     reader = csv.reader(lines)
     header = next(reader, None)
     if header is None:
         raise InputFileError(f"{path}: the file is empty: its first line must be {','.join(HEADER)}")
     if tuple(name.strip() for name in header) != HEADER:
         raise InputFileError(f"{path}: line 1 is {shown(','.join(header))}: it must be {','.join(HEADER)}")
-    rows: list[ResultRow] = []
-    first_line: dict[tuple[int, int, int], int] = {}
-    for fields in reader:
-        if not fields:
-            continue  # an empty line, as some editors leave at the end
-        where = f"{path}: line {reader.line_num}"
-        row = _row(fields, where)
-        if row.key in first_line:
-            raise InputFileError(
-                f"{where}: scene {row.scene_id}, image {row.im_id}, object {row.obj_id} stands in line "
-                f"{first_line[row.key]} already: keep one row"
-            )
-        first_line[row.key] = reader.line_num
-        rows.append(row)
-    return tuple(rows)
+    return [
+        (reader.line_num, _row(fields, f"{path}: line {reader.line_num}"))
+        for fields in reader
+        if fields  # an empty line, as some editors leave at the end
+    ]
 
 
 def _row(fields: list[str], where: str) -> ResultRow:

@@ -92,7 +92,8 @@ def _changed(config: Any, content: dict[str, Any], where: str) -> Any:
         if key == "kind" and hasattr(type(config), "kind"):
             continue  # decided which class this is
         if key not in names:
-            raise InputFileError(f"{where}{key}: no such setting: there are {', '.join(names) or 'none'}")
+            fix = f"there are {', '.join(names)}" if names else f'kind = "{config.kind}" has none: remove the line'
+            raise InputFileError(f"{where}{key}: no such setting: {fix}")
         changes[key] = _checked(value, hints[key], getattr(config, key), f"{where}{key}")
     return replace(config, **changes)
 
@@ -126,8 +127,7 @@ def _checked(value: Any, hint: Any, current: Any, where: str) -> Any:
 def _table(value: Any, classes: list[Any], current: Any, where: str) -> Any:
     """A part of a method: of the kind that the file names, else of the current one's."""
     if not isinstance(value, dict):
-        name = where.rsplit(".", 1)[-1].rsplit(" ", 1)[-1]
-        raise InputFileError(f"{where} = {_short(value)}: give a table [{name}]")
+        raise InputFileError(f"{where} = {_short(value)}: give a table [{where.rsplit(' ', 1)[-1]}]")
     kinds = {kind.kind: kind for kind in classes if hasattr(kind, "kind")}
     wanted = value.get("kind", getattr(type(current), "kind", None))
     if kinds and (not isinstance(wanted, str) or wanted not in kinds):

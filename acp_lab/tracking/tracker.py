@@ -123,9 +123,11 @@ class Tracker:
         seen = self._pursuit.look(frame, pose, clock)
         started = None if seen is None else self._begin(seen, clock)
         if started is None:
+            behind = " and lies behind the camera" if transform(pose, self.part.box_centre)[2] <= 0.0 else ""
+            size = f"{frame.camera.width}x{frame.camera.height}"
             raise TrackingError(
                 f"{self.part.name}: at the start pose t = {np.round(pose[:3, 3], 1).tolist()} mm the part is not seen "
-                f"in frame {frame.index} ({frame.camera.width}x{frame.camera.height}); check pose, unit and camera"
+                f"in frame {frame.index} ({size}){behind}; check pose, unit and camera"
             )
         solution, self._trusted = started.solution, started.trusted
         matches = solution.judgement.matches

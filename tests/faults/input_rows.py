@@ -196,7 +196,7 @@ def scaled_start(at: Workplace) -> str:
 
 @row("a start pose in metres", "refused: the part is not seen there")
 def start_in_metres(at: Workplace) -> str:
-    return at.refused(video(at, pose={"cam_t_m2c": [-0.035, 0.0, 0.26]}), "start pose", "unit")
+    return at.refused(video(at, pose={"cam_t_m2c": [-0.035, 0.0, 0.26]}), "POSE.json", "start pose", "unit")
 
 
 @row("NaN in a start pose", "refused")

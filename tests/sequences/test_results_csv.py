@@ -171,3 +171,17 @@ def test_start_poses_are_those_of_one_image(tmp_path: Path) -> None:
     np.testing.assert_allclose(poses[7], pose(0, 7), atol=1e-12)
     with pytest.raises(SequenceError, match="no row for scene 1, image 5"):
         start_poses(path, 1, 5)
+
+
+def test_of_several_start_poses_of_an_object_the_most_likely_counts(tmp_path: Path) -> None:
+    """A detector tells several; results of a tracker have one row each, and those of a detector are no such results."""
+    path = tmp_path / "found.csv"
+    poses = {0.4: pose(0, 1), 0.9: pose(3, 1), 0.7: pose(5, 1)}
+    with ResultsWriter(path) as results:
+        for score, cam_T_obj in poses.items():
+            results.append(ResultRow(1, 0, 1, score, cam_T_obj, 0.1))
+        results.append(ResultRow(1, 0, 1, 0.9, pose(7, 1), 0.1))
+        results.append(ResultRow(1, 1, 1, 1.0, pose(8, 1), 0.1))
+    np.testing.assert_allclose(start_poses(path, 1, 0)[1], poses[0.9], atol=1e-12)
+    with pytest.raises(InputFileError, match="line 3: scene 1, image 0, object 1 stands in line 2 already"):
+        read_results(path)

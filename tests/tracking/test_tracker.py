@@ -368,20 +368,23 @@ def test_a_jump_is_caught_by_a_second_look(part: Part, model: PreparedPart, sequ
 
 
 @pytest.mark.parametrize(
-    "pose",
+    ("pose", "is_behind"),
     [
-        make_pose(np.eye(3), np.array([400.0, 300.0, 100.0])),
-        make_pose(np.eye(3), np.array([400.0, 300.0, 470.0])),
-        make_pose(np.eye(3), np.array([1400.0, 300.0, 900.0])),
-        make_pose(np.eye(3), np.array([0.4, 0.3, 0.9])),
+        (make_pose(np.eye(3), np.array([400.0, 300.0, 100.0])), True),
+        (make_pose(np.eye(3), np.array([400.0, 300.0, 470.0])), True),
+        (make_pose(np.eye(3), np.array([1400.0, 300.0, 900.0])), False),
+        (make_pose(np.eye(3), np.array([0.4, 0.3, 0.9])), True),
     ],
     ids=["behind the camera", "in the camera", "outside the image", "in metres"],
 )
-def test_a_start_that_shows_nothing_is_refused(model: PreparedPart, sequence: MadeSequence, pose: FloatArray) -> None:
+def test_a_start_that_shows_nothing_is_refused(
+    model: PreparedPart, sequence: MadeSequence, pose: FloatArray, is_behind: bool
+) -> None:
     (frame,) = sequence.frames(1)
     with pytest.raises(TrackingError, match=r"bracket: at the start pose .* not seen in frame 0 \(200x160\)") as caught:
         Tracker(model, AS_DRAWN).start(frame, pose)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+    assert ("lies behind the camera" in str(caught.value)) == is_behind
 
 
 def test_a_long_part_may_come_nearer_than_its_own_length() -> None:

@@ -63,8 +63,9 @@ class ProfileConfig:
 
     def __post_init__(self) -> None:
         for name in ("largest_px", "spread_share"):
-            if not 0.0 < getattr(self, name) <= 100.0:
-                raise TrackingError(f"learning.profiles.{name} = {getattr(self, name):g}: give a number above 0")
+            value = getattr(self, name)
+            if not 0.0 < value <= 100.0:
+                raise TrackingError(f"learning.profiles.{name} = {value:g}: give a number above 0, at most 100")
         if not 0.0 <= self.break_share <= 10.0:
             raise TrackingError(f"learning.profiles.break_share = {self.break_share:g}: give 0 to 10")
 
