@@ -2,7 +2,7 @@
 
 What is carried from frame to frame to answer that is kept here: how the part moves, the view region it is seen from,
 its control points, its last picture, and how well frames have fitted. A frame has one try from where the part is
-expected; where it then fits worse than usual it has more, from elsewhere and without what led the first one.
+expected; where it then fits worse than usual it has more, from elsewhere and without the picture that led the first.
 """
 
 from __future__ import annotations
@@ -25,13 +25,17 @@ from acp_lab.tracking.usual_fit import UsualFit
 
 # Share of the last score, or of the running mean where that is less, from which on a frame fits as usual.
 _USUAL = 0.92
-# The same share, above which nothing speaks against a place; and the score by which a clearly better one is higher.
+# From this share on no other place is tried.
 _AS_BEFORE = 0.98
+# By how much another try must score higher to be taken.
 _CLEARLY = 0.03
 
 
 class Pursuit:
     """Follows one part by its solver's method.
+
+    For a track: `forget`, then `begin` with what the first frame says. For a frame: `follow`, or `best_of` for a lost
+    part, perhaps `recover`; then `go_on_from` what was found, or `restart` where that is not believed.
 
     Attributes:
         solver: of single frames.
@@ -39,23 +43,23 @@ class Pursuit:
         region: 0..5, the view region in use.
         carried: the last frame's estimate, from which control points go on; None where they begin anew.
         usual: how well frames have fitted.
-        pictures: the part's last picture; None where the method does not look for it.
+        picture_memory: the part's last picture; None where the method does not look for it.
     """
 
     def __init__(self, solver: FrameSolver) -> None:
         self.solver = solver
         sight = solver.method.sight
-        self.pictures = None if isinstance(sight, Off) else PictureMemory(solver.part, sight)
+        self.picture_memory = None if isinstance(sight, Off) else PictureMemory(solver.part, sight)
         self.forget()
 
     def forget(self) -> None:
-        """Before a new track."""
+        """Forget the last track."""
         self.predictor = self.solver.method.prediction.predictor(self.solver.part.box_centre)
         self.region = 0
         self.carried: Estimate | None = None
         self.usual = UsualFit()
-        if self.pictures is not None:
-            self.pictures.forget()
+        if self.picture_memory is not None:
+            self.picture_memory.forget()
 
     @property
     def predicted(self) -> FloatArray:
@@ -67,13 +71,19 @@ class Pursuit:
         """(4, 4) mm: the pose that the next frame is predicted from."""
         return self.predictor.last
 
+    def begin(self, solution: Solution, score: float) -> None:
+        """Take in the first frame's solution; score: what that is compared with later."""
+        self.restart(solution.cam_T_obj)
+        self.carried = solution.estimate
+        self.usual.begin(solution.judgement.quality, score)
+
     def restart(self, cam_T_obj: FloatArray) -> None:
-        """The part rests at a pose (4, 4), for all that is known."""
+        """The part rests at a pose (4, 4), for all that is known; its control points begin anew as they project."""
         self.predictor.restart(cam_T_obj)
         self.carried = None
 
     def go_on_from(self, solution: Solution, quality: float) -> None:
-        """The next frame follows this one."""
+        """Take in a frame's solution: the next one is predicted from it, and its control points go on."""
         self.predictor.observe(solution.cam_T_obj, quality, solution.information)
         self.carried = solution.estimate
 
@@ -95,36 +105,39 @@ class Pursuit:
         return seen
 
     def follow(self, frame: Frame, clock: Stopwatch) -> tuple[FloatArray, Solution | None]:
-        """The predicted pose, and what is found from there.
+        """The pose where the part was expected, which its picture may have corrected, and what is found from there.
 
-        From a sure prediction the part is not looked for, and of the levels only the last is asked, as the others find
+        From a sure prediction the picture is not searched, and of the levels only the last is asked, as the others find
         the way; unless the frame then fits worse than usual. Else the part's last picture corrects the prediction, and
         what all levels find is compared with what the last alone does.
         """
         schedule, short = self.solver.method.schedule, None
         if isinstance(schedule, PixelSchedule) and self.predictor.is_sure(frame.camera):
-            short = self.solve(frame, self.predicted, clock, schedule.near)
+            short = self.try_from(frame, self.predicted, clock, schedule.near)
             if self.usual.reached(short, _USUAL):
                 return self.predicted, short
         unsighted = copy(self.predictor)
         was_sighted = self.sight(frame, clock)
-        found = better(short, self.solve(frame, self.predicted, clock))
+        found = better(short, self.try_from(frame, self.predicted, clock))
         if short is None:
             found = self._nearer(frame, found, clock)
         if was_sighted and not self.usual.reached(found, _USUAL):
             # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
             sighted, region, self.predictor = self.predictor, self.region, unsighted
-            unled = self.solve(frame, self.predicted, clock)
-            if better(found, unled) is found:
+            by_motion_alone = self.try_from(frame, self.predicted, clock)
+            if better(found, by_motion_alone) is found:
                 self.predictor, self.region = sighted, region
             else:
-                found = unled
+                found = by_motion_alone
         return self.predicted, found
 
     def recover(
         self, frame: Frame, predicted: FloatArray, first: Solution | None, clock: Stopwatch, time_to_search: bool
     ) -> Solution | None:
-        """The first try, or a better one from elsewhere, see `recovery`."""
+        """The first try, or a better one from elsewhere, see `recovery`.
+
+        first: what was found from the predicted pose (4, 4). time_to_search: see `states.StateMachine`.
+        """
         config = self.solver.method.recovery
         if isinstance(config, Off):
             return first
@@ -140,7 +153,7 @@ class Pursuit:
         return recover(self.solver, first, lambda pose: self.look(frame, pose, clock), situation, config, clock)
 
     def best_of(self, frame: Frame, poses: list[FloatArray], clock: Stopwatch) -> Solution | None:
-        """The best solution from proposed poses (4, 4), wherever the part was expected."""
+        """The best solution from proposed poses (4, 4), without regard to the prediction; its region stays in use."""
         best, region = None, self.region
         for pose in poses:
             self.region = self.solver.choose_region(pose)
@@ -152,10 +165,13 @@ class Pursuit:
         self.region = region
         return best
 
-    def solve(
+    def try_from(
         self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None
     ) -> Solution | None:
-        """A try from the predicted pose or the control points that were carried on; levels: None for the method's."""
+        """From the predicted pose or the control points that were carried on; levels: None for the method's.
+
+        Chooses the view region, which stays in use.
+        """
         before, self.region = self.region, self.solver.choose_region(predicted, self.region)
         seen = self.look(frame, predicted, clock, self.predictor.information(), levels)
         if seen is None:
@@ -167,18 +183,18 @@ class Pursuit:
 
     def sight(self, frame: Frame, clock: Stopwatch) -> bool:
         """Correct the prediction by where the part's last picture is in the new frame; whether that changed it."""
-        if self.pictures is None:
+        if self.picture_memory is None:
             return False
         clock.lap()
         before = self.predicted
-        self.pictures.correct(self.predictor, frame)
+        self.picture_memory.correct(self.predictor, frame)
         clock.image_s += clock.lap()
         return self.predicted is not before
 
     def remember(self, frame: Frame, pose: FloatArray) -> None:
         """Take the part's picture at a pose (4, 4), in which the next frame looks for it."""
-        if self.pictures is not None:
-            self.pictures.take(frame, pose)
+        if self.picture_memory is not None:
+            self.picture_memory.take(frame, pose)
 
     def _nearer(self, frame: Frame, found: Solution | None, clock: Stopwatch) -> Solution | None:
         """What all levels found, or what the last alone finds, where that fits clearly better.
@@ -190,7 +206,7 @@ class Pursuit:
             return found
         if found is None or self.usual.reached(found, _AS_BEFORE):
             return found
-        near = self.solve(frame, self.predicted, clock, method.schedule.near)
+        near = self.try_from(frame, self.predicted, clock, method.schedule.near)
         return near if near is not None and near.score > found.score + _CLEARLY else found
 
     def _carried_on(self, view: View) -> Estimate | None:

@@ -122,7 +122,7 @@ class Tracker:
         self._pursuit.region = self._first_region(pose)
         seen = self._pursuit.look(frame, pose, clock)
         started = None if seen is None else self._begin(seen, clock)
-        if started is None:
+        if seen is None or started is None:
             behind = " and lies behind the camera" if transform(pose, self.part.box_centre)[2] <= 0.0 else ""
             size = f"{frame.camera.width}x{frame.camera.height}"
             raise TrackingError(
@@ -134,18 +134,15 @@ class Tracker:
         if started.measures and matches is not None:
             self.solver.knowledge.measure_offsets(matches)
             self._first = FirstFrame(frame, solution.cam_T_obj, self._pursuit.region)
-        self._pursuit.restart(solution.cam_T_obj)
-        self._pursuit.carried = solution.estimate
         self._last_seen = solution.cam_T_obj
         self._started = True
         self._learn(frame, solution, clock, self._trusted)
-        self._pursuit.usual.mean_quality = solution.judgement.quality
-        compares = isinstance(self.method.recovery, Alternatives) or self.method.prediction.weighs_images
-        if seen is not None and compares:
+        score = 0.0
+        if isinstance(self.method.recovery, Alternatives) or self.method.prediction.weighs_images:
             # Again, with what the first frame taught; later frames are compared with it.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
-            usual = self._pursuit.usual
-            usual.mean_score = usual.last_score = (again or solution).score
+            score = (again or solution).score
+        self._pursuit.begin(solution, score)
         quality = self._quality(solution)
         note = self._states.begin(quality)
         if self._way_back is not None and self.model.views is not None:
@@ -191,7 +188,7 @@ class Tracker:
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
         self._fitted = quality > self.method.states.found_above
         note = self._look_again(frame, solution, clock) or note
-        fits = self._fitted
+        fits = self._fitted  # which a second look may have denied
         if self._states.state is TrackState.TRACKING:
             self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
         if self._is_lost and self._way_back is not None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from acp_lab.tracking.solution import Solution
 
-# Share of a new frame in the running means: of the quality, with which learning and second tries compare, of the score.
+# Share of a new frame in the running mean of the quality, which tells whether a frame teaches anything.
 _QUALITY_RATE = 0.5
+# The same of the score, which tells whether a place is worse than others may be.
 _SCORE_RATE = 0.1
 
 
@@ -13,15 +14,19 @@ class UsualFit:
     """Of the frames of one tracked part.
 
     Attributes:
-        mean_quality: running mean of what edges alone say, see `solution.Solution.quality`.
+        mean_quality: running mean of the first target's quality.
         mean_score, last_score: running mean, and of the last frame, of what solutions are compared by.
     """
 
     def __init__(self) -> None:
         self.mean_quality = self.mean_score = self.last_score = 0.0
 
+    def begin(self, quality: float, score: float) -> None:
+        """With what the first frame says."""
+        self.mean_quality, self.mean_score, self.last_score = quality, score, score
+
     def take_in(self, solution: Solution) -> None:
-        """A further frame."""
+        """Update all three with a solved frame."""
         self.mean_quality += _QUALITY_RATE * (solution.judgement.quality - self.mean_quality)
         self.mean_score += _SCORE_RATE * (solution.score - self.mean_score)
         self.last_score = solution.score

@@ -753,7 +753,7 @@ def test_a_try_that_was_not_taken_leaves_no_view_region_behind(
     tracker = Tracker(model, replace(ACP, recovery=Off()))
     tracker.start(Frame(0, images[0], CAMERA), truth[0])
     # All levels, the last alone, and all from where the motion alone led.
-    solve, regions = Pursuit.solve, [4, 4, 2]
+    solve, regions = Pursuit.try_from, [4, 4, 2]
 
     def in_turn(self: Pursuit, *given: Any) -> Solution | None:
         found = solve(self, *given)
@@ -761,7 +761,7 @@ def test_a_try_that_was_not_taken_leaves_no_view_region_behind(
         self.usual.mean_score = self.usual.last_score = 10.0  # nothing is as good as usual
         return found if regions else None
 
-    monkeypatch.setattr(Pursuit, "solve", in_turn)
+    monkeypatch.setattr(Pursuit, "try_from", in_turn)
     monkeypatch.setattr(Pursuit, "sight", lambda *_: True)
     assert tracker.track(Frame(1, images[1], CAMERA)).region == 4
     assert not regions, "all were tried"

@@ -348,7 +348,7 @@ def test_a_part_that_is_back_is_looked_for_by_its_new_picture(
     beside[0, 3] += 7.0
     back = tracker.track(Frame(6, draw([(model.part, beside)], 6, LARGE), LARGE))
     assert back.state is TrackState.LOST  # it takes two frames
-    pictures = tracker._pursuit.pictures
+    pictures = tracker._pursuit.picture_memory
     assert pictures is not None
     assert pictures.kept is not None
     _, pose, _ = pictures.kept
