@@ -51,6 +51,7 @@ class PreparedPart:
         options: what it was prepared with, the latest for each generator that was asked for.
         cpu_s: CPU seconds of all threads that each stage of preparation took, by its name; stages of parts prepared
             by earlier versions are missing.
+        folder: where it was loaded from; None for a part that is only in memory.
     """
 
     part: Part
@@ -64,6 +65,7 @@ class PreparedPart:
     autoencoders: Trained[RegionAutoencoder, AutoencoderReport] = field(default_factory=Trained)
     options: Mapping[str, PrepareOptions] = field(default_factory=dict)
     cpu_s: Mapping[str, float] = field(default_factory=dict)
+    folder: Path | None = field(default=None, compare=False)
 
     def took(self, stage: str, cpu_s: float) -> PreparedPart:
         """The same, some CPU seconds of a stage later."""
@@ -96,7 +98,7 @@ class PreparedPart:
         if self.networks:
             return VisibilityNetwork(self.part, self.edges, self.networks, self.templates)
         if self.templates is None:
-            raise PreparationError(f"{self.part.name}: no generator is prepared; {self._command()}")
+            raise PreparationError(f"{self.part.name}: no generator is prepared; {self.prepare_command}")
         return self.templates
 
     def autoencoder(self, device: Device = "cpu") -> AutoencoderGenerator:
@@ -107,7 +109,7 @@ class PreparedPart:
         """
         if not self.autoencoders:
             raise PreparationError(
-                f"{self.part.name}: no auto-encoder is prepared; {self._command()} --generator autoencoder"
+                f"{self.part.name}: no auto-encoder is prepared; {self.prepare_command} --generator autoencoder"
             )
         return AutoencoderGenerator(self.autoencoders, self.part.name, device)
 
@@ -122,12 +124,15 @@ class PreparedPart:
         if region not in self.regressed_points:
             raise PreparationError(
                 f"{self.part.name}: the control points of view region {region} are not regressed; "
-                f"{self._command()} --generator autoencoder"
+                f"{self.prepare_command} --generator autoencoder"
             )
         return self.regressed_points[region]
 
-    def _command(self) -> str:
-        return f"run: acp-lab prepare {self.part.path or 'MESH'} --out PARTS_DIR"
+    @property
+    def prepare_command(self) -> str:
+        """What to run for whatever it lacks, up to the options."""
+        parts = "PARTS_DIR" if self.folder is None else self.folder.parent
+        return f"run: acp-lab prepare {self.part.path or 'MESH'} --out {parts}"
 
     def save(self, folder: Path) -> None:
         """Write the part: only files whose content differs from what is there, each atomically, part.json last.
@@ -185,6 +190,7 @@ class PreparedPart:
                     for generator, values in header.get("options", {}).items()
                 },
                 cpu_s={stage: float(value) for stage, value in header.get("cpu_s", {}).items()},
+                folder=folder,
             )
         except (
             OSError,

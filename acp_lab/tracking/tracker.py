@@ -241,8 +241,7 @@ class Tracker:
             natural, trained = self.solver.natural_region(pose), self.solver.source.regions
             raise PreparationError(
                 f"{self.part.name}: the part is seen from view region {natural}, generator {self.generator_name} is "
-                f"prepared for {', '.join(map(str, trained))} only; run: acp-lab prepare "
-                f"{self.part.path or 'MESH'} --out PARTS_DIR --regions {natural}"
+                f"prepared for {', '.join(map(str, trained))} only; {self.model.prepare_command} --regions {natural}"
             )
         return region
 

@@ -267,6 +267,14 @@ def test_what_the_papers_method_lacks_is_told_with_the_command(model: PreparedPa
     np.testing.assert_array_equal(model.control_points(2, "mid-section"), expected)
 
 
+def test_the_command_for_what_a_part_lacks_names_where_it_was_loaded_from(model: PreparedPart, tmp_path: Path) -> None:
+    model.save(tmp_path / "bracket")
+    back = PreparedPart.load(tmp_path / "bracket")
+    with pytest.raises(PreparationError) as caught:
+        back.autoencoder()
+    assert str(caught.value).endswith(f"run: acp-lab prepare MESH --out {tmp_path} --generator autoencoder")
+
+
 @pytest.mark.parametrize("damage", ["no file", "cut", "another format", "no points", "a report lacks a number"])
 def test_a_damaged_auto_encoder_is_told(model: PreparedPart, tmp_path: Path, damage: str) -> None:
     folder = tmp_path / "bracket"

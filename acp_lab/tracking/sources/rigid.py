@@ -149,7 +149,6 @@ def _rigid_generator(model: PreparedPart, name: str) -> RigidGenerator:
         return model.best_generator()
     if name not in model.generator_names:
         raise PreparationError(
-            f"{model.part.name}: generator {name} is not prepared; "
-            f"run: acp-lab prepare {model.part.path or 'MESH'} --out PARTS_DIR --generator {name}"
+            f"{model.part.name}: generator {name} is not prepared; {model.prepare_command} --generator {name}"
         )
     return model.best_generator() if name == "learned" or model.templates is None else model.templates
