@@ -91,10 +91,11 @@ class DetectOptions:
 
 @dataclass(frozen=True, eq=False)
 class DetectJob:
-    """The frames of one scene, and the parts to look for by object id."""
+    """The frames of one scene, how many they are, and the parts to look for by object id."""
 
     scene_id: int
     frames: Iterable[Frame | UnreadableFrame]
+    count: int
     models: Mapping[int, PreparedPart]
 
 
@@ -112,13 +113,15 @@ def detect_parts(options: DetectOptions) -> None:
         for model in {m.part.name: m for j in jobs for m in j.models.values()}.values()
     }
     tiles = list[np.ndarray]()
-    with ResultsWriter(options.out) as writer:
+    with ResultsWriter(options.out) as writer, console.Progress() as progress:
         for job in jobs:
             found = dict.fromkeys(job.models, 0)
             frames = 0
-            for frame in job.frames:
+            for number, frame in enumerate(job.frames):
                 interrupt.check()
+                progress(f"scene {job.scene_id}", number, job.count)
                 if isinstance(frame, UnreadableFrame):
+                    progress.close()
                     console.warn(f"image {frame.index}: {frame.reason}: left out")
                     continue
                 frames += 1
@@ -133,6 +136,7 @@ def detect_parts(options: DetectOptions) -> None:
                     drawn.append((model, detections))
                 if len(tiles) < _PICTURES:
                     tiles.append(_tile(frame, drawn, f"scene {job.scene_id}, image {frame.index}"))
+            progress.close()
             for object_id, count in found.items():
                 name = job.models[object_id].part.name
                 print(f"scene {job.scene_id}, object {object_id} ({name}): found in {count} of {frames} frames")
@@ -153,7 +157,8 @@ def _scene_jobs(options: DetectOptions) -> list[DetectJob]:
         models = {
             object_id: shelf.part(dataset.part_path(object_id)) for object_id in _objects(dataset, scene, options)
         }
-        jobs.append(DetectJob(scene_id, _every(scene, options.step), models))
+        count = len(scene.frame_ids[:: options.step])
+        jobs.append(DetectJob(scene_id, _every(scene, options.step), count, models))
     return jobs
 
 
@@ -193,7 +198,7 @@ def _image_jobs(options: DetectOptions) -> list[DetectJob]:
             names = ", ".join(folder.name for folder in folders) or "no part"
             raise AcpLabError(f"{options.parts}: holds {names}: say with --mesh which part the image shows")
         model = PreparedPart.load(folders[0])
-    return [DetectJob(1, [Frame(0, image, camera.pinhole())], {1: model})]
+    return [DetectJob(1, [Frame(0, image, camera.pinhole())], 1, {1: model})]
 
 
 def _tile(frame: Frame, drawn: list[tuple[PreparedPart, tuple[Detection, ...]]], title: str) -> ByteImage:
