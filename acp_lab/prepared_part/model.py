@@ -131,8 +131,7 @@ class PreparedPart:
     @property
     def prepare_command(self) -> str:
         """What to run for whatever it lacks, up to the options."""
-        parts = "PARTS_DIR" if self.folder is None else self.folder.parent
-        return f"run: acp-lab prepare {self.part.path or 'MESH'} --out {parts}"
+        return _prepare_command(self.part.path, None if self.folder is None else self.folder.parent)
 
     def save(self, folder: Path) -> None:
         """Write the part: only files whose content differs from what is there, each atomically, part.json last.
@@ -161,7 +160,7 @@ class PreparedPart:
             PreparationError: missing, incomplete, changed, of another version, or prepared from another mesh.
         """
         folder, mesh = Path(folder), None if mesh is None else Path(mesh)
-        again = f"run: acp-lab prepare {mesh or 'MESH'} --out {folder.parent}"
+        again = _prepare_command(mesh, folder.parent)
         header = read_header(folder, again)
         if mesh is not None and header["mesh"]["sha256"] != sha256_of(mesh, again):
             raise PreparationError(
@@ -204,3 +203,7 @@ class PreparedPart:
         ) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise PreparationError(f"{folder}: the prepared part is damaged ({reason}); {again} --no-resume") from None
+
+
+def _prepare_command(mesh: Path | None, parts: Path | None) -> str:
+    return f"run: acp-lab prepare {mesh or 'MESH'} --out {parts or 'PARTS_DIR'}"

@@ -168,7 +168,9 @@ class Pursuit:
     def try_from(
         self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None
     ) -> Solution | None:
-        """From the predicted pose or the control points that were carried on; levels: None for the method's.
+        """What is found from the predicted pose (4, 4) or the control points that were carried on.
+
+        levels: None for the method's. None for a part that is not seen there, or at a pose that cannot follow the last.
 
         Chooses the view region, which stays in use.
         """

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from acp_lab.tracking.solution import Solution
 
-# Share of a new frame in the running mean of the quality, which tells whether a frame teaches anything.
+# Share of a new frame in the running mean of the quality, with which learning and `recovery.SecondTries` compare.
 _QUALITY_RATE = 0.5
-# The same of the score, which tells whether a place is worse than others may be.
+# The same of the score, with which `pursuit` and `recovery.Alternatives` compare.
 _SCORE_RATE = 0.1
 
 
@@ -22,7 +22,7 @@ class UsualFit:
         self.mean_quality = self.mean_score = self.last_score = 0.0
 
     def begin(self, quality: float, score: float) -> None:
-        """With what the first frame says."""
+        """With what the first frame says; score: 0 for methods that compare no scores."""
         self.mean_quality, self.mean_score, self.last_score = quality, score, score
 
     def take_in(self, solution: Solution) -> None:
