@@ -2,7 +2,8 @@
 
 Machined edges are broken by some tenths of a millimetre, so the outline of a real part lies *inside* its
 model's. Measured at the true pose, edge point by edge point, with the strongest image edge along the normal; and what
-is left of it when the profiles of these edges tell where the CAD's would be (`tracking.learning.edge_profiles`).
+is left of it when the profiles of these edges tell where the CAD's would be (`tracking.learning.edge_profiles`), with
+what the edges have in common as the frames tell it (`tracking.learning.edge_traits`).
 
 Convention: mm at the depth of the point; outward, away from the part's own material, counts as positive.
 """
@@ -19,11 +20,13 @@ from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import image_directions, step_jacobian
 from acp_lab.imaging.edge_search import SearchConfig, image_patch, search_along_normals
 from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame
 from acp_lab.studies.true_edges import TrueEdges
 from acp_lab.tracking.learning.edge_profiles import EdgeProfiles, EdgeViews, ProfileConfig
+from acp_lab.tracking.learning.edge_traits import TraitEvidence
 
 REACH_PX = 3
 LEAST_SCORE = 0.4
@@ -57,7 +60,10 @@ def edge_offsets(truth: TrueEdges, scene: BopScene, object_id: int, frame_ids: S
 def offsets_beside_profiles(
     truth: TrueEdges, scene: BopScene, object_id: int, frame_ids: Sequence[int], config: ProfileConfig | None = None
 ) -> EdgeOffsets:
-    """The same of where the profiles of these image edges say that the CAD's edges are; arguments as before."""
+    """The same of where the profiles of these image edges say that the CAD's edges are; arguments as before.
+
+    As a tracker would, frame by frame: the poses are left out when the frames are asked what the edges have in common.
+    """
     return _measured(truth, scene, object_id, frame_ids, EdgeProfiles(config or ProfileConfig()))
 
 
@@ -89,6 +95,16 @@ def _in_frame(
     offsets = candidates.offsets
     if profiles is not None:
         views = EdgeViews(truth.edges, rows, outline, pose, frame.camera.fx)
+        told = profiles.read(patch, at.points, at.normals, candidates, views, REACH_PX, 0.0)
+        points_cam = transform(pose, truth.edges.points_obj[rows])
+        jacobian = step_jacobian(
+            points_cam, image_directions(points_cam, at.normals, frame.camera), transform(pose, truth.part.box_centre)
+        )
+        chosen = np.arange(len(rows)), best[:, 0]
+        residuals_px = np.where(candidates.scores[chosen] > LEAST_SCORE, (offsets + told.shifts_px)[chosen], np.nan)
+        profiles.traits.learn(
+            TraitEvidence(residuals_px, told.slopes_px[chosen], told.spreads_px[chosen], jacobian, float(pose[2, 3]))
+        )
         told = profiles.read(patch, at.points, at.normals, candidates, views, REACH_PX, 0.0)
         offsets = offsets + told.shifts_px
     offset_px = np.take_along_axis(offsets, best, 1)[:, 0]

@@ -34,6 +34,8 @@ from acp_lab.tracking.targets import Measure
 MIN_EDGES = 12
 # Beyond the farthest edge that is searched: the grey beside it, and what the image's filters need.
 _ROOM_PX = 9
+# How often the first frame is solved again for what its edges have in common.
+_SETTLING = 2
 
 
 class FrameSolver:
@@ -155,6 +157,22 @@ class FrameSolver:
             return self._solve(seen, start, clock, levels)
         except GeometryError:
             return None
+
+    def settle(self, seen: SeenFrame, solution: Solution, clock: Stopwatch) -> Solution:
+        """A solution of a first frame, once it is known what the part's edges have in common (`edge_traits`).
+
+        Its edges tell that, which moves where they are told to lie, and so the pose; twice over.
+        """
+        schedule = self.method.schedule
+        if not self.knowledge.has_traits or not isinstance(schedule, PixelSchedule):
+            return solution
+        for _ in range(_SETTLING):
+            matches = solution.judgement.matches
+            if matches is None:
+                break
+            self.knowledge.learn_traits(matches, afresh=True)
+            solution = self.solve(seen, seen.view.at_pose(solution.cam_T_obj), clock, schedule.near) or solution
+        return solution
 
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Stopwatch) -> Solution | None:
         """What the frame says of an estimate as it is, without moving it; None where too few edges show."""

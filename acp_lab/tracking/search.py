@@ -47,6 +47,10 @@ class PoseSolver(Protocol):
         """argmin e from an estimate."""
         ...
 
+    def settle(self, seen: SeenFrame, solution: Solution, clock: Stopwatch) -> Solution:
+        """A solution of a first frame, once it is known what the part's edges have in common."""
+        ...
+
     def afresh(self, seen: SeenFrame) -> SeenFrame:
         """The same frame, for a search that leaves the other as it is."""
         ...

@@ -56,7 +56,7 @@ class TrustedStart:
     finalists: int = 3
     agreement_alone: float = 0.8
     bias_in_breaks: float = 0.5
-    measures: bool = True
+    measures: bool = False
     shift_share: float = 0.06
     poses: int = 120
     solved: int = 12
@@ -103,7 +103,9 @@ def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stop
     solved = solver.solve(seen, view.at_pose(view.prior), clock)
     if solved is None:
         return None
-    found = search_cloud(solver, seen, view.prior, config.cloud) or solved
+    solved = solver.settle(seen, solved, clock)
+    found = search_cloud(solver, seen, view.prior, config.cloud)
+    found = solved if found is None else solver.settle(seen, found, clock)
     ratio = _agreement_ratio(solver, seen, found)
     trusted = is_trusted(solver, seen, solved, config) and ratio >= config.surpassed
     pose, steps = (view.prior, tuple[TrackStep, ...]()) if trusted else (found.cam_T_obj, found.steps)

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from safetensors.numpy import load_file
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import InputFileError
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.tracking.learning.edge_profiles import FEATURES, save_network, shipped_network
+from acp_lab.tracking.learning.edge_profiles import FEATURES, ProfileConfig, save_network, shipped_network
+from acp_lab.tracking.learning.edge_traits import EdgeTraits, TraitEvidence
 from data_recipes import edge_profiles
 from data_recipes.metal.random_parts import random_part
 from data_recipes.metal.scene import make_scene
@@ -27,7 +29,7 @@ from data_recipes.profiles.stills import (
     render_stills,
     write_stills,
 )
-from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, train
+from data_recipes.profiles.training import ProfileTraining, constant_loss, mean_loss, train, traits_of
 
 
 @pytest.mark.parametrize("seed", range(0, 40, 4))
@@ -152,39 +154,76 @@ def test_a_hidden_part_teaches_nothing(stills: Stills) -> None:
     assert len(examples_of(replace(stills, visible=np.zeros(6)))) == 0
 
 
-def made_examples(seed: int) -> Examples:
-    """The shift is what one feature says, more or less surely by another."""
+def made_examples(seed: int, trait: float = 0.0, count: int = 600) -> Examples:
+    """A scene: the shift is what one feature says, more or less surely by another; a third says what a trait adds."""
     rng = np.random.default_rng(seed)
-    features = rng.normal(0, 1, (3000, FEATURES)).astype(np.float32)
+    features = rng.normal(0, 1, (count, FEATURES)).astype(np.float32)
     spread = np.where(features[:, 1] > 0, 0.5, 0.05)
-    return Examples(features, (0.4 * features[:, 0] + spread * rng.standard_normal(3000)).astype(np.float32))
+    shifts = 0.4 * features[:, 0] + 0.5 * trait * features[:, 2] + spread * rng.standard_normal(count)
+    jacobian = rng.normal(0, 1, (count, 6)).astype(np.float32)
+    return Examples(features, shifts.astype(np.float32), jacobian, np.arange(count) % 6, np.ones(count, bool))
+
+
+def made_scenes(count: int = 60) -> list[Examples]:
+    traits = np.random.default_rng(99).standard_normal(count)
+    return [made_examples(seed, float(trait)) for seed, trait in enumerate(traits)]
 
 
 def test_training_finds_shift_and_spread(tmp_path: Path) -> None:
     losses = list[float]()
-    config = ProfileTraining(hidden=16, epochs=12, batch=128)
-    network = train([made_examples(0), made_examples(1)], config, lambda done, loss: losses.append(loss))
-    held_out = made_examples(2)
+    config = ProfileTraining(hidden=16, epochs=12, traits=0)
+    shown = [made_examples(seed) for seed in range(40)]
+    network = train(shown, config, lambda done, loss: losses.append(loss))
+    held_out = made_examples(99)
     assert losses[-1] < losses[0]
-    assert mean_loss(network, held_out) < constant_loss([made_examples(0)], [held_out]) - 0.5
+    assert mean_loss(network, held_out) < constant_loss(shown, [held_out]) - 0.4
     found = network(held_out.features)
     assert np.corrcoef(found[:, 0], held_out.features[:, 0])[0, 1] > 0.95
     says = held_out.features[:, 1]
     sure, unsure = (np.exp(found[rows, 1]).mean() for rows in (says < -1, says > 1))
-    assert sure < 0.4 * unsure
+    assert sure < 0.5 * unsure
     save_network(network, tmp_path / "weights.safetensors")
     arrays = load_file(tmp_path / "weights.safetensors")
     assert arrays.keys() == {"mean", "scale", *(f"{name}_{i}" for name in ("weight", "bias") for i in range(3))}
 
 
+def test_training_finds_what_a_trait_moves() -> None:
+    """Nobody tells it which feature says that, nor the traits of the scenes."""
+    network = train(made_scenes(), ProfileTraining(hidden=16, epochs=12, traits=1))
+    held_out = made_examples(1000, trait=1.5)
+    slopes = network(held_out.features)[:, 2]
+    assert abs(np.corrcoef(slopes, held_out.features[:, 2])[0, 1]) > 0.9
+    assert mean_loss(network, held_out) < mean_loss(network, held_out, with_traits=False) - 0.3
+
+
+def test_traits_are_those_that_a_tracker_finds() -> None:
+    """Edge by edge the same sums, in pose steps of other units."""
+    found = np.zeros((600, 4), np.float32)
+    rng = np.random.default_rng(5)
+    found[:, 1], found[:, 2:] = np.log(0.2), rng.normal(0, 0.3, (600, 2))
+    jacobian = rng.normal(0, 1, (600, 6))
+    shifts = found[:, 2:] @ np.array([0.8, -1.2]) + 0.1 * rng.standard_normal(600) + jacobian @ np.full(6, 0.2)
+    told = traits_of(
+        torch.from_numpy(found), torch.from_numpy(shifts.astype(np.float32)),
+        torch.from_numpy(jacobian.astype(np.float32)), torch.zeros(600, dtype=torch.int64), torch.ones(600, dtype=bool),
+    )  # fmt: skip
+    config = ProfileConfig()
+    traits = EdgeTraits(2, config.evidence_share, config.trait_memory)
+    px = np.array([*[0.1] * 3, *[20.0] * 2, 100.0])  # what is thought of each step beforehand, here 1 px
+    traits.learn(TraitEvidence(-shifts, found[:, 2:].astype(float), np.full(600, 0.2), jacobian / px, 500.0))
+    np.testing.assert_allclose(traits.values, told, atol=0.03)
+    np.testing.assert_allclose(traits.values, [0.8, -1.2], atol=0.1)
+
+
 def test_training_is_the_same_every_time() -> None:
-    config = ProfileTraining(hidden=8, epochs=1, batch=512)
-    one, other = (train([made_examples(0)], config)(made_examples(1).features) for _ in range(2))
+    config = ProfileTraining(hidden=8, epochs=1)
+    one, other = (train(made_scenes(5), config)(made_examples(1).features) for _ in range(2))
     np.testing.assert_array_equal(one, other)
 
 
 def test_the_shipped_network_is_of_the_configured_size() -> None:
-    assert [weight.shape[1] for weight in shipped_network().weights] == [ProfileTraining().hidden] * 2 + [2]
+    config = ProfileTraining()
+    assert [weight.shape[1] for weight in shipped_network().weights] == [config.hidden] * 2 + [2 + config.traits]
 
 
 @pytest.mark.slow

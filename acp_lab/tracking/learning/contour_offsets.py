@@ -128,6 +128,9 @@ class ContourOffsets:
         # Column 0: as an inner crease, column 1: as an outline.
         self._sample_count, self._sample_sum = np.zeros((count, 2)), np.zeros((count, 2))
         self._cell_count, self._cell_sum = np.zeros(cells), np.zeros(cells)
+        # By how much the sums are moved by a part's traits.
+        self._sample_slopes: FloatArray | None = None
+        self._cell_slopes: FloatArray | None = None
         self._inner_scatter_px = self.config.initial_scatter_px
 
     @property
@@ -202,11 +205,15 @@ class ContourOffsets:
             seen = max(_scatter_after_fit(rest[:count], rows[:count]), 0.05)
             self._inner_scatter_px += self.config.scatter_rate * (seen - self._inner_scatter_px)
 
-    def learn(self, ids: IntArray, outline: BoolArray, expected: ExpectedOffsets, residuals_px: FloatArray) -> None:
+    def learn(
+        self, ids: IntArray, outline: BoolArray, expected: ExpectedOffsets, residuals_px: FloatArray,
+        slopes_px: FloatArray | None = None,
+    ) -> None:  # fmt: skip
         """Take in what a trusted pose shows.
 
         Args:
             residuals_px: (n,) from the expected to the seen place along the normals, NaN where nothing was seen.
+            slopes_px: (n, k) by how much the seen place moves with each of the part's traits, see `edge_traits`.
         """
         rows = np.flatnonzero(np.isfinite(residuals_px) & (expected.px_per_mm != 0.0))
         measured = expected.offsets_mm[rows] + residuals_px[rows] / expected.px_per_mm[rows]
@@ -218,6 +225,20 @@ class ContourOffsets:
         cells = self._cell_of[ids[rows[shared]]]
         np.add.at(self._cell_count, cells, 1.0)
         np.add.at(self._cell_sum, cells, measured[shared])
+        if slopes_px is not None:
+            if self._sample_slopes is None or self._cell_slopes is None:
+                traits = slopes_px.shape[1]
+                self._sample_slopes = np.zeros((*self._sample_sum.shape, traits))
+                self._cell_slopes = np.zeros((len(self._cell_sum), traits))
+            slopes = slopes_px[rows] / expected.px_per_mm[rows, None]
+            np.add.at(self._sample_slopes, (ids[rows], role), slopes)
+            np.add.at(self._cell_slopes, cells, slopes[shared])
+
+    def move(self, traits: FloatArray) -> None:
+        """What was measured lies elsewhere beside the CAD's edges when the part's traits (k,) are others by so much."""
+        if self._sample_slopes is not None and self._cell_slopes is not None:
+            self._sample_sum += self._sample_slopes @ traits
+            self._cell_sum += self._cell_slopes @ traits
 
 
 @kernel(

@@ -3,8 +3,8 @@
 A broken edge shows as a bright or dark line beside the step from face to face; a rounded rim darkens before the ground
 begins; motion smears all of it. Such a profile, and how the two faces are seen, tell where the drawing's sharp edge
 would be: a small network, trained on rendered parts with broken and sharp edges, says by how many px the CAD's edge
-lies beside the image edge, and how unsure that is. What it cannot know, as all edges of a part share it, is left to
-`contour_offsets`.
+lies beside the image edge, and how unsure that is. What all edges of a part share it cannot know; it says by how much
+that would move the edge, and `edge_traits` finds it out. What is left is for `contour_offsets`.
 (Not in the paper, which takes image edges as they are; see docs/paper-ledger.md. How it is trained:
 data_recipes/edge_profiles.py.)
 
@@ -29,6 +29,7 @@ from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArra
 from acp_lab.imaging.edge_search import Candidates, ImagePatch, half_widths
 from acp_lab.imaging.edge_search_kernel import at_grey, average_along, read_profile
 from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM
+from acp_lab.tracking.learning.edge_traits import EdgeTraits
 
 WEIGHTS = Path(__file__).with_name("edge_profiles.safetensors")
 # Slopes are read a px apart up to so many px from the edge; what is farther is another edge's.
@@ -54,12 +55,17 @@ class ProfileConfig:
         spread_share: of the network's own spread that is taken for the scatter of an edge about its true place.
         break_share: of a part's edge break beyond the usual one, by which its outlines lie farther inside than their
             profiles tell.
+        evidence_share: how much of what an edge says of the part's traits is new, as neighbours err alike; 0 for a
+            usual part, whatever the edges say. See `edge_traits`.
+        trait_memory: share of what earlier frames told of the traits that is kept from frame to frame.
     """
 
     kind: ClassVar[str] = "on"
     largest_px: float = 1.5
     spread_share: float = 1.0
     break_share: float = 0.4
+    evidence_share: float = 0.04
+    trait_memory: float = 0.7
 
     def __post_init__(self) -> None:
         for name in ("largest_px", "spread_share"):
@@ -68,6 +74,10 @@ class ProfileConfig:
                 raise TrackingError(f"learning.profiles.{name} = {value:g}: give a number above 0, at most 100")
         if not 0.0 <= self.break_share <= 10.0:
             raise TrackingError(f"learning.profiles.break_share = {self.break_share:g}: give 0 to 10")
+        if not 0.0 <= self.evidence_share <= 1.0:
+            raise TrackingError(f"learning.profiles.evidence_share = {self.evidence_share:g}: give 0 to 1")
+        if not 0.0 <= self.trait_memory < 1.0:
+            raise TrackingError(f"learning.profiles.trait_memory = {self.trait_memory:g}: give 0 to less than 1")
 
     def expected_mm(self, edge_break_mm: float) -> float:
         """Where outlines are expected beside what their profiles tell, outward, before any was measured."""
@@ -133,7 +143,7 @@ def describe(
 
 @dataclass(frozen=True, eq=False)
 class ProfileNetwork:
-    """Two hidden layers: features in, shift in px and logarithm of its spread out.
+    """Two hidden layers: features in; shift in px, logarithm of its spread, and px that each trait moves it by, out.
 
     weights: (inputs, outputs) float32 of each of three layers; biases: (outputs,) theirs; mean, scale: (FEATURES,).
     """
@@ -143,10 +153,16 @@ class ProfileNetwork:
     mean: Float32Array
     scale: Float32Array
 
+    @property
+    def traits(self) -> int:
+        """How many it knows of."""
+        return len(self.biases[-1]) - 2
+
     def __call__(self, features: Float32Array) -> Float32Array:
-        """(k, 2) of features (k, FEATURES): px across the edge from the image's to the CAD's, and log of its spread."""
+        """(k, 2 + traits) of features (k, FEATURES): px across the edge from the image's to the CAD's on a usual part,
+        log of its spread, px that each trait adds."""
         (first, second, last), (first_bias, second_bias, last_bias) = self.weights, self.biases
-        shown, found = np.empty(features.shape, np.float32), np.empty((len(features), 2), np.float32)
+        shown, found = np.empty(features.shape, np.float32), np.empty((len(features), 2 + self.traits), np.float32)
         _standardise(np.ascontiguousarray(features), self.mean, self.scale, shown)
         hidden = _product(shown, first)
         _rectify(hidden, first_bias)
@@ -190,10 +206,12 @@ class ProfileShifts:
     Attributes:
         shifts_px: (n, m) along the samples' normals from the candidate to the CAD's edge; 0 for those not described.
         spreads_px: (n, m) standard deviation of that; 0 for those not described.
+        slopes_px: (n, m, k) by how much each trait moves that place along the normals; 0 for those not described.
     """
 
     shifts_px: FloatArray
     spreads_px: FloatArray
+    slopes_px: FloatArray
 
     def spread_of_best(self, scores: FloatArray, offsets: FloatArray, sigma_px: float) -> FloatArray:
         """(n,) spread of the candidate that fits best, by scores and offsets (n, m); 0 where none was described."""
@@ -203,12 +221,13 @@ class ProfileShifts:
 
 
 class EdgeProfiles:
-    """Asks the network about the candidates of a frame."""
+    """Asks the network about the candidates of a frame. traits: of the part, which what is told follows."""
 
     def __init__(self, config: ProfileConfig, network: ProfileNetwork | None = None) -> None:
         """network: another one than the package's."""
         self.config = config
         self._network = shipped_network() if network is None else network
+        self.traits = EdgeTraits(self._network.traits, config.evidence_share, config.trait_memory)
 
     def read(
         self,
@@ -224,12 +243,13 @@ class EdgeProfiles:
         """Shifts and spreads of the candidates that `describe` describes; arguments as there."""
         profiles = describe(patch, points, normals, candidates, views, sigma_px, least, blur_px)
         shifts, spreads = np.zeros((2, *candidates.scores.shape))
+        slopes = np.zeros((*candidates.scores.shape, self._network.traits))
         if len(profiles.rows):
             _put(
-                self._network(profiles.features), profiles.rows, profiles.columns, profiles.sides,
-                self.config.largest_px, self.config.spread_share, shifts, spreads,
+                self._network(profiles.features), self.traits.values, profiles.rows, profiles.columns, profiles.sides,
+                self.config.largest_px, self.config.spread_share, shifts, spreads, slopes,
             )  # fmt: skip
-        return ProfileShifts(shifts, spreads)
+        return ProfileShifts(shifts, spreads, slopes)
 
 
 @lru_cache(maxsize=8)
@@ -363,25 +383,30 @@ def _rectify(units: Float32Array, bias: Float32Array) -> None:
 
 @kernel("void(f4[:, ::1], f4[:, ::1], f4[::1], f4[:, ::1])", fastmath=frozenset({"contract", "reassoc"}))
 def _answer(units: Float32Array, weights: Float32Array, bias: Float32Array, found: Float32Array) -> None:
-    """Fill found (k, 2), see `ProfileNetwork.__call__`: units (k, m) times weights (m, 2), plus bias (2,)."""
+    """Fill found (k, n), see `ProfileNetwork.__call__`: units (k, m) times weights (m, n), plus bias (n,)."""
     for k in range(len(units)):
-        shift, log_spread = bias[0], bias[1]
-        for j in range(units.shape[1]):
-            shift += units[k, j] * weights[j, 0]
-            log_spread += units[k, j] * weights[j, 1]
-        found[k, 0] = shift
-        found[k, 1] = min(max(log_spread, np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
+        for i in range(len(bias)):
+            total = bias[i]
+            for j in range(units.shape[1]):
+                total += units[k, j] * weights[j, i]
+            found[k, i] = total
+        found[k, 1] = min(max(found[k, 1], np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
 
 
-@kernel("void(f4[:, ::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[:, ::1], f8[:, ::1])")
+@kernel("void(f4[:, ::1], f8[::1], i8[::1], i8[::1], f8[::1], f8, f8, f8[:, ::1], f8[:, ::1], f8[:, :, ::1])")
 def _put(
-    found: Float32Array, rows: IntArray, columns: IntArray, sides: FloatArray, largest: float, share: float,
-    shifts: FloatArray, spreads: FloatArray,
+    found: Float32Array, traits: FloatArray, rows: IntArray, columns: IntArray, sides: FloatArray, largest: float,
+    share: float, shifts: FloatArray, spreads: FloatArray, slopes: FloatArray,
 ) -> None:  # fmt: skip
-    """Put what was found (k, 2) of candidates in their rows and columns of shifts and spreads (n, m), px."""
+    """Put what was found (k, 2 + traits) of candidates in their rows and columns of shifts, spreads (n, m) and slopes
+    (n, m, traits), px."""
     for k in range(len(rows)):
         row, column = rows[k], columns[k]
-        shifts[row, column] = min(max(np.float64(found[k, 0]), -largest), largest) * sides[row]
+        shift = np.float64(found[k, 0])
+        for j in range(len(traits)):
+            shift += traits[j] * found[k, 2 + j]
+            slopes[row, column, j] = sides[row] * found[k, 2 + j]
+        shifts[row, column] = min(max(shift, -largest), largest) * sides[row]
         spreads[row, column] = share * np.exp(np.float64(found[k, 1]))
 
 

@@ -1,7 +1,8 @@
 """What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
 
 And how far all outlines lie to their bright side, and how far motion smears edges. These five start empty in the first
-frame; what the profile of an image edge says of the CAD's was learnt long before. Each of the six can be switched off.
+frame; what the profile of an image edge says of the CAD's was learnt long before, but for what all edges of the part
+share. Each of the six can be switched off.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOffsets, OffsetConfig
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.learning.edge_profiles import EdgeProfiles, EdgeViews, ProfileConfig, ProfileShifts
+from acp_lab.tracking.learning.edge_traits import TraitEvidence
 from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
 from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
@@ -87,6 +89,7 @@ class Matches:
         expected: offsets that were expected, None where they are not learnt.
         off_obj: (n, 3) the sum of the samples' two face normals, off the material.
         patch: the image that was searched.
+        shifts: what the profiles of the candidates say, None where nobody asked.
     """
 
     at: Estimate
@@ -100,6 +103,7 @@ class Matches:
     expected: ExpectedOffsets | None
     off_obj: FloatArray
     patch: ImagePatch
+    shifts: ProfileShifts | None = None
 
     @property
     def gradients(self) -> FloatArray:
@@ -119,6 +123,20 @@ class Matches:
     def jacobian(self) -> FloatArray:
         """(n, 6) px along the normals by a pose step."""
         return self.at.lines(self.points_obj, self.normals).jacobian
+
+    @property
+    def trait_evidence(self) -> TraitEvidence | None:
+        """What the chosen edges say of the part's traits; None where no profiles were read."""
+        if self.shifts is None:
+            return None
+        chosen, residuals_px = (np.arange(len(self.best)), self.best), self.sure_residuals_px
+        if self.expected is not None:
+            # Offsets that were measured know the part's traits already: edges are asked as if none had been.
+            residuals_px = residuals_px + self.expected.offsets_px
+        shifts, depth_mm = self.shifts, float(self.at.cam_T_obj[2, 3])
+        return TraitEvidence(
+            residuals_px, shifts.slopes_px[chosen], shifts.spreads_px[chosen], self.jacobian, depth_mm
+        )  # fmt: skip
 
 
 class SampleKnowledge:
@@ -208,17 +226,44 @@ class SampleKnowledge:
         steady = self.reliability.weights(edges.sample_ids, edges.outline)
         return steady if expected is None else expected.weights * steady
 
+    @property
+    def has_traits(self) -> bool:
+        """Whether it is learnt what the part's edges have in common."""
+        return self.profiles is not None and self.profiles.traits.are_learnt
+
+    def learn_traits(self, matches: Matches, afresh: bool = False) -> FloatArray:
+        """Take in what a solved frame says of what the part's edges have in common; afresh: and nothing before it.
+
+        Returns (n,) px along the normals by which the chosen edges are told to lie elsewhere now.
+        """
+        evidence = matches.trait_evidence
+        if self.profiles is None or evidence is None:
+            return np.zeros(len(matches.best))
+        traits = self.profiles.traits
+        before = traits.values
+        if afresh:
+            traits.forget()
+        traits.learn(evidence)
+        if self.offsets is not None:
+            self.offsets.move(traits.values - before)
+        moved: FloatArray = evidence.slopes_px @ (traits.values - before)
+        return moved
+
     def measure_offsets(self, matches: Matches) -> None:
-        """Take in the offsets that a trusted pose shows, and before them what all outlines have in common."""
+        """Take in the offsets that a trusted pose shows, and before them what edges and outlines have in common."""
+        moved_px = self.learn_traits(matches, afresh=True)
         if self.offsets is None or matches.expected is None:
             return
-        ids, outline, residuals_px = matches.edges.sample_ids, matches.edges.outline, matches.sure_residuals_px
+        ids, outline = matches.edges.sample_ids, matches.edges.outline
+        residuals_px = matches.sure_residuals_px + moved_px
         if self.polarity is not None:
             shift_px = self.polarity.measure(
                 matches.gradients, matches.outward, residuals_px, matches.jacobian, rate=1.0
             )
             residuals_px = residuals_px - shift_px * np.sign(matches.gradients) * outline
-        self.offsets.learn(ids, outline, matches.expected, residuals_px)
+        evidence = matches.trait_evidence
+        slopes_px = None if evidence is None else evidence.slopes_px
+        self.offsets.learn(ids, outline, matches.expected, residuals_px, slopes_px)
 
     def forget_offsets(self) -> None:
         """As before any was measured: where edges lie, and how far all outlines are shifted."""
@@ -238,6 +283,7 @@ class SampleKnowledge:
         ids, outline, residuals_px = matches.edges.sample_ids, matches.edges.outline, matches.residuals_px
         if self.memory is not None:
             self.memory.learn(ids, matches.candidates, matches.best, residuals_px)
+        self.learn_traits(matches)
         if self.offsets is not None:
             self.offsets.observe_scatter(ids, outline, residuals_px, matches.jacobian)
             if matches.expected is not None:

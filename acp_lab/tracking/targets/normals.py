@@ -413,4 +413,5 @@ class NormalJudgement:
             measure.expected,
             measure.knowledge.edges.off_obj[ids],
             measure.patch,
+            measure.shifts,
         )

@@ -276,3 +276,28 @@ def test_only_inner_creases_that_were_measured_scatter(rng: np.random.Generator)
     chosen = np.isfinite(residuals) & ~outline & (counts[ids, 0] > 0)
     np.testing.assert_array_equal(rest[:count], residuals[chosen])
     np.testing.assert_array_equal(rows[:count], jacobian[chosen])
+
+
+def test_what_was_measured_moves_with_the_traits() -> None:
+    """Measured where edges were told with some traits, offsets are what they would be with others."""
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    first = fresh().expect(ids, outline, directions)
+    rng = np.random.default_rng(0)
+    slopes_px, change = rng.normal(0.0, 0.05, (len(ids), 2)), np.array([0.4, -0.7])
+    residuals_px = rng.normal(0.0, 0.05, len(ids))
+    before, after = fresh(), fresh()
+    before.learn(ids, outline, first, residuals_px, slopes_px)
+    before.move(change)
+    after.learn(ids, outline, first, residuals_px + slopes_px @ change, slopes_px)
+    moved, measured = (each.expect(ids, outline, directions).offsets_mm for each in (before, after))
+    np.testing.assert_allclose(moved, measured, atol=1e-9)
+    assert np.abs(moved - first.offsets_mm).max() > 0.01
+
+
+def test_nothing_measured_nothing_moves() -> None:
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    offsets = fresh()
+    offsets.move(np.ones(2))
+    np.testing.assert_array_equal(
+        offsets.expect(ids, outline, directions).offsets_mm, fresh().expect(ids, outline, directions).offsets_mm
+    )

@@ -26,6 +26,7 @@ from acp_lab.tracking.learning.edge_profiles import (
     ProfileConfig,
     ProfileNetwork,
     Profiles,
+    ProfileShifts,
     describe,
     shipped_network,
 )
@@ -39,9 +40,9 @@ EDGES = sample_edges(PART)
 POSE = looking_at(PART, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
 
 
-def network(hidden: int = 8, seed: int = 0) -> ProfileNetwork:
+def network(hidden: int = 8, seed: int = 0, traits: int = 2) -> ProfileNetwork:
     rng = np.random.default_rng(seed)
-    sizes = (FEATURES, hidden, hidden, 2)
+    sizes = (FEATURES, hidden, hidden, 2 + traits)
     weights = tuple(rng.normal(0, 0.3, pair).astype(np.float32) for pair in pairwise(sizes))
     biases = tuple(rng.normal(0, 0.1, size).astype(np.float32) for size in sizes[1:])
     mean, scale = rng.normal(0, 0.2, FEATURES), rng.uniform(0.5, 2.0, FEATURES)
@@ -231,7 +232,7 @@ def test_the_network_works_on_the_thread_that_asks(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("value", [0.0, 1e30, -1e30])
 def test_the_shipped_network_answers_whatever_it_is_shown(value: float) -> None:
     found = shipped_network()(np.full((3, FEATURES), value, np.float32))
-    assert found.shape == (3, 2)
+    assert found.shape == (3, 2 + shipped_network().traits)
     assert np.isfinite(found).all()
 
 
@@ -253,6 +254,26 @@ def test_shifts_are_along_the_normals_and_limited(image: np.ndarray) -> None:
     assert unasked.any()
     assert not found.shifts_px[unasked].any()
     assert not found.spreads_px[unasked].any()
+
+
+def test_shifts_follow_the_traits(image: np.ndarray) -> None:
+    edges, views = seen_at(POSE)
+    patch, candidates = searched(image, edges, edges.normals)
+    profiles = EdgeProfiles(ProfileConfig(largest_px=100.0), network())
+
+    def shifts(traits: list[float]) -> ProfileShifts:
+        profiles.traits.values = np.array(traits)
+        return profiles.read(patch, edges.points, edges.normals, candidates, views, ANY_PX, LEAST)
+
+    usual, other = shifts([0.0, 0.0]), shifts([0.3, -0.5])
+    assert usual.slopes_px.shape == (*candidates.scores.shape, 2)
+    assert np.abs(usual.slopes_px).max() > 0.1
+    np.testing.assert_allclose(
+        other.shifts_px, usual.shifts_px + usual.slopes_px @ np.array([0.3, -0.5]), rtol=1e-4, atol=1e-5
+    )  # fmt: skip
+    np.testing.assert_array_equal(other.spreads_px, usual.spreads_px)
+    described = usual.spreads_px > 0.0
+    assert not usual.slopes_px[~described].any()
 
 
 def test_the_spread_of_a_sample_is_that_of_its_nearest_good_candidate(image: np.ndarray) -> None:
@@ -315,7 +336,10 @@ def test_edges_of_the_sample_lie_nearer_to_the_cads() -> None:
 # ---- settings ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("setting", [{"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}], ids=str)
+@pytest.mark.parametrize("setting", [
+        {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"evidence_share": 1.5},
+        {"trait_memory": 1.0},
+    ], ids=str)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"learning\.profiles\."):
         ProfileConfig(**setting)

@@ -1,0 +1,153 @@
+"""What all edges of a part have in common and no profile tells alone, such as how far they are broken.
+
+From where a part is usually seen a bevel is narrower than a pixel, and a single profile hardly shows it. But the edges
+of one part are alike, and they must agree on one pose. So the network of `edge_profiles` says of every image edge
+where the CAD's would be on a usual part, and by how much each of a few *traits* of the part would move it. Those
+traits are the part's that make the edges of its frames agree, whatever the pose (a linear mixed-effects model; the
+network learns the slopes by how well they explain views of a part that its traits were not taken from).
+
+A trait is 0 for a usual part, and 1 is its standard deviation over parts.
+(Not in the paper; see docs/paper-ledger.md. How the slopes are trained: data_recipes/profiles/training.py.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import FloatArray, plain
+
+FREEDOM = 3.0
+"""Degrees of freedom of Student's distribution, by which edges scatter about where their profiles put them."""
+# Fewer edges tell nothing of what they have in common.
+_LEAST_EDGES = 50
+# How far off a solved pose is thought to be before its edges are asked: turns, shifts, share of the distance.
+_TURN_DEG, _SHIFT_MM, _DISTANCE_SHARE = 5.7, 20.0, 0.2
+# An edge that lies farther off is another one.
+_FARTHEST_PX = 2.5
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class TraitEvidence:
+    """Where n edges of a solved frame lie beside where they are told to be.
+
+    Attributes:
+        residuals_px: (n,) along the normals from the solved place to the told one; NaN where no edge was found.
+        slopes_px: (n, k) by how much the told place moves along the normals with each trait.
+        spreads_px: (n,) standard deviation of the told place; 0 where nothing was told.
+        jacobian: (n, 6) motion along the normals by a pose step (rad, mm).
+        depth_mm: of the part.
+    """
+
+    residuals_px: FloatArray
+    slopes_px: FloatArray
+    spreads_px: FloatArray
+    jacobian: FloatArray
+    depth_mm: float
+
+
+class EdgeTraits:
+    """The traits of one tracked part. values: (k,)."""
+
+    def __init__(self, count: int, evidence_share: float, memory: float) -> None:
+        """See `edge_profiles.ProfileConfig`; count: k, 0 for a network that knows of none."""
+        self._share, self._memory = evidence_share, memory
+        self.values: FloatArray = np.zeros(count)
+        self.forget()
+
+    @property
+    def are_learnt(self) -> bool:
+        """Whether edges are asked for any."""
+        return len(self.values) > 0 and self._share > 0.0
+
+    def forget(self) -> None:
+        """Those of a usual part."""
+        count = len(self.values)
+        self.values = np.zeros(count)
+        self._information, self._vector = np.zeros((count, count)), np.zeros(count)
+
+    def learn(self, seen: TraitEvidence) -> None:
+        """Take in a solved frame; what earlier ones told counts less from frame to frame."""
+        if not self.are_learnt:
+            return
+        count = len(self.values)
+        usual_px = seen.residuals_px - seen.slopes_px @ self.values
+        turn, distance_mm = np.radians(_TURN_DEG), _DISTANCE_SHARE * max(seen.depth_mm, 1.0)
+        doubt = 1.0 / np.array([turn, turn, turn, _SHIFT_MM, _SHIFT_MM, distance_mm]) ** 2
+        matrix, vector = np.empty((6 + count, 6 + count)), np.empty(6 + count)
+        edges = _agree(
+            usual_px, plain(seen.slopes_px), plain(seen.jacobian), plain(seen.spreads_px), doubt, self._share, matrix,
+            vector,
+        )  # fmt: skip
+        if edges < _LEAST_EDGES:
+            return
+        self._information = self._memory * self._information + matrix[6:, 6:]
+        self._vector = self._memory * self._vector + vector[6:]
+        # With what is known beforehand: 0, give or take 1.
+        self.values = np.asarray(np.linalg.solve(np.eye(count) + self._information, self._vector), np.float64)
+
+
+@kernel("i8(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8, f8[:, ::1], f8[::1])")
+def _agree(
+    residuals_px: FloatArray, slopes_px: FloatArray, jacobian: FloatArray, spreads_px: FloatArray, doubt: FloatArray,
+    share: float, matrix: FloatArray, vector: FloatArray,
+) -> int:  # fmt: skip
+    """Fill the last k rows and columns of matrix (6 + k, 6 + k) and of vector (6 + k,) with what n edges tell of the
+    traits, whatever the pose: their information, and that times the traits. Returns how many edges were used.
+
+    residuals_px: (n,) for a usual part; doubt: (6,) information about the pose step that there is beforehand; share:
+    of an edge's own information that is new, as neighbours err alike. Edges scatter by Student's distribution.
+    """
+    count = 6 + slopes_px.shape[1]
+    columns, found, rest = np.empty(count), np.zeros(count), np.empty((count, count))
+    edges = 0
+    for _ in range(_ROUNDS):
+        edges = 0
+        matrix[:], vector[:] = 0.0, 0.0
+        for k in range(6):
+            matrix[k, k] = doubt[k]
+        for i in range(len(residuals_px)):
+            spread = spreads_px[i]
+            if not abs(residuals_px[i]) < _FARTHEST_PX or not spread > 0.0:
+                continue
+            edges += 1
+            left = residuals_px[i]
+            for k in range(count):
+                # Residual plus what traits move is what a pose step explains.
+                columns[k] = jacobian[i, k] if k < 6 else -slopes_px[i, k - 6]
+                left -= columns[k] * found[k]
+            weight = share * (FREEDOM + 1.0) / (FREEDOM * spread * spread + left * left)
+            for k in range(count):
+                weighted = weight * columns[k]
+                vector[k] += weighted * residuals_px[i]
+                for j in range(k + 1):
+                    matrix[k, j] += weighted * columns[j]
+        for k in range(count):
+            for j in range(k):
+                matrix[j, k] = matrix[k, j]
+        # The pose step is eliminated first: what is left is of the traits alone.
+        for column in range(6):
+            for row in range(column + 1, count):
+                factor = matrix[row, column] / matrix[column, column]
+                for k in range(column, count):
+                    matrix[row, k] -= factor * matrix[column, k]
+                vector[row] -= factor * vector[column]
+        # Traits with what is known of them beforehand, then the step that goes with them.
+        rest[:] = matrix
+        found[:] = vector
+        for k in range(6, count):
+            rest[k, k] += 1.0
+        for column in range(6, count):
+            for row in range(column + 1, count):
+                factor = rest[row, column] / rest[column, column]
+                for k in range(column, count):
+                    rest[row, k] -= factor * rest[column, k]
+                found[row] -= factor * found[column]
+        for row in range(count - 1, -1, -1):
+            for k in range(row + 1, count):
+                found[row] -= rest[row, k] * found[k]
+            found[row] /= rest[row, row]
+    return edges
