@@ -19,6 +19,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking import frame_solver as frame_solver_module
 from acp_lab.tracking.frame_solver import MIN_EDGES, FrameSolver
 from acp_lab.tracking.frame_view import Estimate
+from acp_lab.tracking.learning.edge_profiles import ProfileConfig
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, Method
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
@@ -30,6 +31,7 @@ from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.targets.distance_map import DistanceMap
 from acp_lab.tracking.targets.normals import NormalSearch, NormalTarget
 from tests.made_parts import looking_at
+from tests.prepared_sample import sample_model, sample_scene
 from tests.tracking.rendered import AS_DRAWN, CAMERA, MadeSequence, add_percent
 
 REGION = 4
@@ -422,3 +424,25 @@ def test_forgetting_leaves_nothing_known(solver: FrameSolver) -> None:
 def test_a_method_that_needs_regressed_points_says_so(model: PreparedPart) -> None:
     with pytest.raises(PreparationError, match="are not regressed; run: acp-lab prepare"):
         FrameSolver(model, replace(FROM_MAP, control_points="regressed"))
+
+
+def test_a_first_frame_is_solved_again_for_what_its_edges_have_in_common() -> None:
+    scene, model = sample_scene(), sample_model()
+    frame, truth = next(iter(scene.frames())), scene.truth(0, 1)
+    assert isinstance(frame, Frame)
+    assert truth is not None
+    off = disturb_pose(truth, model.part.box_centre, 1.0, 2.0, np.random.default_rng(2))
+    no_traits = replace(ACP.learning, profiles=ProfileConfig(evidence_share=0.0))  # type: ignore[type-var]
+    for method, settles in ((ACP, True), (replace(ACP, learning=no_traits), False)):
+        solver = FrameSolver(model, method)
+        seen = solver.look(frame.image, frame.camera, off, solver.choose_region(off))
+        assert seen is not None
+        solved = solver.solve(seen, seen.view.at_pose(off), Stopwatch())
+        assert solved is not None
+        settled = solver.settle(seen, solved, Stopwatch())
+        assert (settled is not solved) == settles
+        profiles = solver.knowledge.profiles
+        assert profiles is not None
+        assert bool(np.any(profiles.traits.values)) == settles
+        again = solver.settle(seen, settled, Stopwatch())
+        np.testing.assert_allclose(again.cam_T_obj, settled.cam_T_obj, atol=0.3)

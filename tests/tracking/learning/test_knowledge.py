@@ -14,6 +14,8 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.edge_memory import MemoryConfig
+from acp_lab.tracking.learning.edge_profiles import ProfileConfig, ProfileShifts
+from acp_lab.tracking.learning.edge_traits import EdgeTraits
 from acp_lab.tracking.learning.knowledge import Matches, Off, SampleKnowledge, SampleLearning
 from acp_lab.tracking.learning.reliability import ReliabilityConfig
 from acp_lab.tracking.sources.rigid import RigidSource
@@ -182,3 +184,59 @@ def test_outlines_know_which_way_leads_off_the_part(
     far = edges.outline & (np.abs(away) > 0.8 * np.linalg.norm(edges.points - centre_px, axis=1))
     assert far.sum() > 20
     assert (np.sign(away[far]) == outward[far]).mean() > 0.8
+
+
+def told(matches: Matches, residual_px: float, slope_px: float) -> Matches:
+    """With profiles whose one trait moves every other edge one way, and the others the other."""
+    n = len(matches.best)
+    slopes = np.zeros((*matches.candidates.scores.shape, 1))
+    slopes[:, 0, 0] = np.where(np.arange(n) % 2, slope_px, -slope_px)
+    residuals = residual_px * np.sign(slopes[:, 0, 0])
+    spreads = np.full(matches.candidates.scores.shape, 0.2)
+    shifts = ProfileShifts(np.zeros_like(spreads), spreads, slopes)
+    return replace(matches, residuals_px=residuals, sure_residuals_px=residuals, shifts=shifts)
+
+
+def knows_one_trait(broken: PreparedPart) -> SampleKnowledge:
+    knowledge = SampleKnowledge(replace(ALL, polarity=Off()), broken)
+    assert knowledge.profiles is not None
+    knowledge.profiles.traits = EdgeTraits(1, 0.2, 0.7)
+    return knowledge
+
+
+def test_traits_are_told_by_edges_as_if_no_offsets_were_measured(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate
+) -> None:
+    """Edges are told 0.2 px beyond where they are, as far as half a trait less brings them back."""
+    knowledge = knows_one_trait(broken)
+    seen = told(matches(knowledge, edges, at), 0.2, -0.4)
+    expected = seen.expected
+    assert expected is not None
+    beside = replace(seen, sure_residuals_px=seen.sure_residuals_px - expected.offsets_px)
+    moved_px = knowledge.learn_traits(beside)
+    assert knowledge.profiles is not None
+    assert knowledge.profiles.traits.values == pytest.approx([-0.5], abs=0.1)
+    slopes = seen.shifts.slopes_px[:, 0] if seen.shifts is not None else np.zeros((len(edges), 1))
+    np.testing.assert_allclose(moved_px, slopes @ knowledge.profiles.traits.values)
+
+
+def test_offsets_are_what_traits_leave(broken: PreparedPart, edges: GeneratedEdges, at: Estimate) -> None:
+    knowledge = knows_one_trait(broken)
+    seen = told(matches(knowledge, edges, at), 0.2, -0.4)
+    expected = seen.expected
+    assert expected is not None
+    seen = replace(seen, sure_residuals_px=seen.sure_residuals_px - expected.offsets_px)
+    knowledge.measure_offsets(seen)
+    assert knowledge.profiles is not None
+    found = knowledge.expect(edges, edges.normals, at)
+    assert found is not None
+    # As far as the trait explains them, there is nothing left to measure.
+    unexplained = np.abs(seen.sure_residuals_px + expected.offsets_px)
+    assert np.median(np.abs(found.offsets_px)) < 0.5 * np.median(unexplained)
+
+
+def test_without_profiles_there_are_no_traits(broken: PreparedPart, edges: GeneratedEdges, at: Estimate) -> None:
+    for config in (replace(ALL, profiles=Off()), replace(ALL, profiles=ProfileConfig(evidence_share=0.0))):
+        knowledge = SampleKnowledge(config, broken)
+        assert not knowledge.has_traits
+        assert not np.any(knowledge.learn_traits(matches(knowledge, edges, at), afresh=True))
