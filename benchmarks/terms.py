@@ -44,6 +44,7 @@ def without() -> dict[str, Method]:
     """By the name of what is missing: `acp` without it, named so; "nothing" is `acp` itself."""
     from acp_lab.tracking.confidence import EDGES_ALONE
     from acp_lab.tracking.learning.contour_offsets import OffsetConfig
+    from acp_lab.tracking.learning.edge_profiles import ProfileConfig
     from acp_lab.tracking.learning.knowledge import Off, SampleLearning
     from acp_lab.tracking.method import ACP
     from acp_lab.tracking.prediction import ConstantVelocityPrediction
@@ -64,6 +65,9 @@ def without() -> dict[str, Method]:
         "the memory of edges": replace(ACP, learning=SampleLearning(memory=Off())),
         "expected offsets": replace(ACP, learning=SampleLearning(offsets=Off())),
         "edge profiles": replace(ACP, learning=SampleLearning(profiles=Off())),
+        "what edges have in common": replace(
+            ACP, learning=SampleLearning(profiles=ProfileConfig(evidence_share=0.0))
+        ),
         "motion blur": replace(ACP, learning=SampleLearning(blur=Off())),
         "offsets that follow": replace(ACP, learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0))),
         "reliability": replace(ACP, learning=SampleLearning(reliability=Off())),

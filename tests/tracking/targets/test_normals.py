@@ -215,7 +215,7 @@ def test_profiles_move_the_goal_on_fine_levels(at: Estimate, edges: GeneratedEdg
 def test_the_memory_weakens_what_looked_otherwise_but_not_when_poses_are_compared(
     at: Estimate, edges: GeneratedEdges, model: PreparedPart
 ) -> None:
-    knowledge = SampleKnowledge(SampleLearning(offsets=Off(), polarity=Off()), model)
+    knowledge = SampleKnowledge(SampleLearning(offsets=Off(), polarity=Off(), profiles=Off()), model)
     target = target_of(at, NormalSearch(), knowledge)
     before, plain = target.search(edges, at, LEVEL), target.agreement(edges, at, LEVEL, 1.2)
     matches = before.judge(edges, edges, at).matches
