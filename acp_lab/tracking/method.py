@@ -255,7 +255,7 @@ ACP_EDGES = replace(
     solver=GaussNewton(steps=3, damping=0.0),
     prediction=ConstantVelocityPrediction(),
     sight=Off(),
-    start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, measures=False),
+    start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0),
     recovery=SecondTries(),
     learning=SampleLearning(
         offsets=OffsetConfig(follow_rate=0.0), polarity=Off(), profiles=Off(), blur=Off(), learn_above=0.7

@@ -103,10 +103,10 @@ def examples_of(stills: Stills) -> Examples:
                     _is_best(rows, fits)[near],
                 )
             )
-    return together(found_in_views)
+    return _together(found_in_views)
 
 
-def together(examples: Sequence[Examples]) -> Examples:
+def _together(examples: Sequence[Examples]) -> Examples:
     """All of several."""
     nothing = Examples(
         np.zeros((0, FEATURES), np.float32), np.zeros(0, np.float32), np.zeros((0, 6), np.float32),

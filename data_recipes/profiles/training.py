@@ -19,6 +19,7 @@ from torch import Tensor
 
 from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.training_loop import AdamOneCycle, LossGradient, Training, batch_gradient
+from acp_lab.geometry.arrays import Float32Array
 from acp_lab.tracking.learning.edge_profiles import (
     FARTHEST,
     FEATURES,
@@ -30,8 +31,9 @@ from acp_lab.tracking.learning.edge_profiles import (
 from acp_lab.tracking.learning.edge_traits import FREEDOM
 from data_recipes.profiles.examples import Examples
 
+# Enough for weights to settle.
 _ROUNDS = 3
-# How little is known of a view's pose step beforehand: columns of the Jacobian are brought to root mean square 1, px.
+# By so many px (rms) a view's pose step may move its edges: as in the tracker, edges alone tell it.
 _DOUBT_PX = 30.0
 # The first slopes are small, lest the first traits are wild.
 _FIRST_SLOPES = 0.3
@@ -70,9 +72,13 @@ class _Scene:
     def of(examples: Examples, mean: np.ndarray, spread: np.ndarray) -> _Scene:
         """Features less their mean, in spreads of them."""
         inputs = np.clip((examples.features - mean) / spread, -FARTHEST, FARTHEST)
-        jacobian = examples.jacobian / np.sqrt((examples.jacobian**2).mean(0) + 1e-12)
-        arrays = inputs.astype(np.float32), examples.shifts_px, jacobian.astype(np.float32)
-        return _Scene(*map(torch.from_numpy, (*arrays, examples.views.astype(np.int64), examples.best)))
+        arrays = inputs.astype(np.float32), examples.shifts_px, _to_one_size(examples.jacobian)
+        return _Scene(*map(torch.from_numpy, (*arrays, examples.views, examples.best)))
+
+
+def _to_one_size(jacobian: Float32Array) -> Float32Array:
+    """(k, 6) with columns of root mean square 1: turns in rad and shifts in mm alike move edges by about a px."""
+    return jacobian / np.sqrt((jacobian**2).mean(0) + np.float32(1e-12))
 
 
 def train(
@@ -127,7 +133,8 @@ def _loss(found: Tensor, scene: _Scene, usual_share: float, generator: torch.Gen
 def traits_of(found: Tensor, shifts_px: Tensor, jacobian: Tensor, views: Tensor, asked: Tensor) -> Tensor:
     """(traits,) that make the candidates asked (k,) bool of some views agree, whatever the poses: `EdgeTraits.learn`.
 
-    found: (k, 2 + traits) of the network; views: (k,) of each; jacobian: (k, 6), each column about 1 in size.
+    found: (k, 2 + traits) of the network; views: (k,) of each; jacobian: (k, 6), each column about 1 in size. What of
+    an edge's evidence is new is what the tracker takes by default (`ProfileConfig.evidence_share`).
     """
     usual, slopes, rows = (shifts_px - found[:, 0])[asked], found[asked, 2:], jacobian[asked]
     spread, views = found[asked, 1].clamp(LEAST_LOG_SPREAD, MOST_LOG_SPREAD).exp(), views[asked]
@@ -169,8 +176,9 @@ def mean_loss(network: ProfileNetwork, examples: Examples, with_traits: bool = T
     found, shifts = torch.from_numpy(network(examples.features)), torch.from_numpy(examples.shifts_px)
     shift = found[:, 0]
     if with_traits and network.traits:
-        scene = _Scene.of(examples, np.zeros(FEATURES), np.ones(FEATURES))
-        shift = shift + found[:, 2:] @ traits_of(found, shifts, scene.jacobian, scene.views, scene.best)
+        jacobian = torch.from_numpy(_to_one_size(examples.jacobian))
+        views, best = torch.from_numpy(examples.views), torch.from_numpy(examples.best)
+        shift = shift + found[:, 2:] @ traits_of(found, shifts, jacobian, views, best)
     return float(student_loss(shift, found[:, 1], shifts).mean())
 
 

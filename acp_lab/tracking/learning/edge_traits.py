@@ -18,12 +18,14 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import FloatArray, plain
+from acp_lab.geometry.pose_kernels import eliminate
 
 FREEDOM = 3.0
 """Degrees of freedom of Student's distribution, by which edges scatter about where their profiles put them."""
 # Fewer edges tell nothing of what they have in common.
 _LEAST_EDGES = 50
-# How far off a solved pose is thought to be before its edges are asked: turns, shifts, share of the distance.
+# How far off a solved pose may be: turns, shifts, share of the distance. So much that edges alone tell the pose step; a
+# pose that was taken for nearly right would hold the traits with which it was found.
 _TURN_DEG, _SHIFT_MM, _DISTANCE_SHARE = 5.7, 20.0, 0.2
 # An edge that lies farther off is another one.
 _FARTHEST_PX = 2.5
@@ -70,7 +72,10 @@ class EdgeTraits:
         self._information, self._vector = np.zeros((count, count)), np.zeros(count)
 
     def learn(self, seen: TraitEvidence) -> None:
-        """Take in a solved frame; what earlier ones told counts less from frame to frame."""
+        """Take in a solved frame; what earlier ones told counts less from frame to frame.
+
+        Nothing changes where fewer than 50 of its edges were found and told.
+        """
         if not self.are_learnt:
             return
         count = len(self.values)
@@ -128,26 +133,18 @@ def _agree(
         for k in range(count):
             for j in range(k):
                 matrix[j, k] = matrix[k, j]
-        # The pose step is eliminated first: what is left is of the traits alone.
-        for column in range(6):
-            for row in range(column + 1, count):
-                factor = matrix[row, column] / matrix[column, column]
-                for k in range(column, count):
-                    matrix[row, k] -= factor * matrix[column, k]
-                vector[row] -= factor * vector[column]
-        # Traits with what is known of them beforehand, then the step that goes with them.
+        # With what is known of traits beforehand, where the pose step and the traits go that fit best.
         rest[:] = matrix
         found[:] = vector
         for k in range(6, count):
             rest[k, k] += 1.0
-        for column in range(6, count):
-            for row in range(column + 1, count):
-                factor = rest[row, column] / rest[column, column]
-                for k in range(column, count):
-                    rest[row, k] -= factor * rest[column, k]
-                found[row] -= factor * found[column]
-        for row in range(count - 1, -1, -1):
-            for k in range(row + 1, count):
-                found[row] -= rest[row, k] * found[k]
-            found[row] /= rest[row, row]
+        if not eliminate(rest, found):
+            return 0
+    # The pose step is eliminated: what is left is of the traits alone.
+    for column in range(6):
+        for row in range(column + 1, count):
+            factor = matrix[row, column] / matrix[column, column]
+            for k in range(column, count):
+                matrix[row, k] -= factor * matrix[column, k]
+            vector[row] -= factor * vector[column]
     return edges
