@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from acp_lab.course.lesson_09 import unlabelled_runs
+from acp_lab.evaluation import add_mm
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.states import StateConfig, StateMachine
 from tests.course.grading import hints, passes
 from tests.prepared_sample import sample_model, sample_scene
@@ -69,6 +71,10 @@ def test_the_runs_show_what_the_hints_say() -> None:
     assert quality["A"][[10, 36]].min() > 1.25 * quality["A"][lowest]
     assert quality["B"][0] > 1.15 * quality["C"][0]
     assert quality["B"][0] == pytest.approx(quality["A"][0], abs=0.05)
+    part, truth = sample_model().part, sample_scene().truth
+    for result in runs["C"]:
+        assert result.state is TrackState.TRACKING
+        assert add_mm(part.vertices, result.cam_T_obj, truth(result.frame_id, 1)) > 0.15 * part.diameter
 
 
 class Truth:
