@@ -62,7 +62,7 @@ class ProfileConfig:
 
     kind: ClassVar[str] = "on"
     largest_px: float = 1.5
-    spread_share: float = 1.0
+    spread_share: float = 0.7
     break_share: float = 0.4
     evidence_share: float = 0.04
     trait_memory: float = 0.7
