@@ -194,7 +194,8 @@ def shown(value: float, unit: str, printed: str, is_percent: bool) -> str:
     decimals = len(printed.partition(".")[2])
     text = f"{scaled:.{decimals}f}"
     if float(text) == 0.0:
-        text = text.lstrip("-")
+        # A bare 0 says that there is nothing, and is corrected where there is something.
+        text = text.lstrip("-") if decimals or scaled == 0.0 else f"{scaled:.1g}"
     if printed.startswith("."):
         text = text.replace("0.", ".", 1)
     return "+" + text if printed.startswith("+") and not text.startswith("-") else text

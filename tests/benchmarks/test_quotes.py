@@ -71,6 +71,7 @@ def test_good(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
         ("0.95 / 0.99<!-- m: made/1/@* -->", "0.99 is 1.00"),
         ("9.5<!-- m: made/list -->", "has 2 numbers, and 1 stand before it"),
         ("-9.4 and 0.25<!-- m: made/list -->", "-9.4 is 0.2"),
+        ("between 0 and -9.5<!-- m: made/list -->", "0 is 0.2"),
         ("4e-7<!-- m: made/tiny -->", "4e-7 is 3e-7"),
         ("0.95<!-- m: made/3/@2 -->", "has no row '3'"),
         ("0.95<!-- m: made/1/@3 -->", "has no field '@3'"),
