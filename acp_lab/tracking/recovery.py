@@ -4,19 +4,30 @@ On a patterned background the solver can lock on to wrong edges when the part mo
 of what each edge looked like then says so: the quality drops. `SecondTries` starts also from the last pose and from a
 ring around it; while the part is lost and no `way_back` looks for it, a wide search around its last pose joins
 in, less and less often.
-`Alternatives`, for methods that see regions too, lets these go first, without the motion prior.
+`Alternatives`, for methods that see regions too, lets these go first, without the motion prior. Where even these fit
+far worse, the part may have moved or turned further than any of them reaches: then a cloud of poses is searched.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import PoseSolver, SearchPlan, better, is_plausible, ring, search, search_around
+from acp_lab.tracking.search import (
+    Cloud,
+    PoseSolver,
+    SearchPlan,
+    better,
+    is_plausible,
+    ring,
+    search,
+    search_around,
+    search_cloud,
+)
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
 
@@ -55,17 +66,22 @@ class Alternatives:
         slack: how much worse than the first try an alternative may be before its last level.
         gain: how much better it must be in the end.
         innovation_cost: score that a unit of normalised squared innovation costs, up to `most_innovation` units.
+        cloud_below: share of the running mean score below which, where neither the first try nor an alternative reaches
+            it, a cloud around the predicted pose is searched; 0 for never.
+        cloud: its poses. They are chosen as in a first frame, by what the image shows of edges, whatever was learnt.
     """
 
     kind: ClassVar[str] = "alternatives"
-    below: float = 0.6
+    below: float = 0.7
     slack: float = 0.05
     gain: float = 0.03
     innovation_cost: float = 0.003
     most_innovation: float = 100.0
+    cloud_below: float = 0.5
+    cloud: Cloud = field(default_factory=lambda: Cloud(5.0, 0.3, 60, 6, 2))
 
     def __post_init__(self) -> None:
-        for name in ("below", "slack", "gain", "innovation_cost", "most_innovation"):
+        for name in ("below", "slack", "gain", "innovation_cost", "most_innovation", "cloud_below"):
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise TrackingError(f"recovery.{name} = {getattr(self, name):g}: give 0 or more")
 
@@ -172,17 +188,17 @@ def _alternatives(
 ) -> Solution | None:
     if first is not None and first.score >= config.below * situation.mean_score:
         return first
-    found: list[tuple[float, SeenFrame, Solution]] = []
-    for pose, tried in ((situation.predicted, (REGIONS_FIRST,)), (situation.last, (EDGES_TOO, REGIONS_FIRST))):
-        seen = look(pose)
-        if seen is None:
-            continue
-        solutions = [solver.solve(seen, seen.view.at_pose(pose), clock, levels) for levels in tried]
-        found += [(solution.score, seen, solution) for solution in solutions if solution is not None]
+    found = list(_other_tries(solver, look, situation, clock))
+    reached = max([first.score if first else 0.0, *(solution.score for _, solution in found)])
+    if reached < config.cloud_below * situation.mean_score and (seen := look(situation.predicted)) is not None:
+        clock.lap()
+        scattered = search_cloud(solver, seen, situation.predicted, config.cloud)
+        clock.search_s += clock.lap()
+        found += [] if scattered is None else [(seen, scattered)]
     if not found:
         return first
-    score, seen, promising = max(found, key=lambda entry: entry[0])
-    if first is not None and score <= first.score - config.slack:
+    seen, promising = max(found, key=lambda one: one[1].score)
+    if first is not None and promising.score <= first.score - config.slack:
         return first
     refined = solver.solve(seen, seen.view.at_pose(promising.cam_T_obj), clock, LAST_LEVEL)
     if refined is None or not is_plausible(refined.cam_T_obj, situation.last, solver.part):
@@ -191,3 +207,17 @@ def _alternatives(
     if first is not None and refined.score - config.innovation_cost * innovation <= first.score + config.gain:
         return first
     return refined
+
+
+def _other_tries(
+    solver: PoseSolver, look: Look, situation: Situation, clock: Stopwatch
+) -> Iterator[tuple[SeenFrame, Solution]]:
+    """Regions first from the predicted pose; from the last one, edges too or regions first."""
+    for pose, tried in ((situation.predicted, (REGIONS_FIRST,)), (situation.last, (EDGES_TOO, REGIONS_FIRST))):
+        seen = look(pose)
+        if seen is None:
+            continue
+        for levels in tried:
+            solution = solver.solve(seen, seen.view.at_pose(pose), clock, levels)
+            if solution is not None:
+                yield seen, solution

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from acp_lab.cad.part import Part
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import rotation_angle_deg, transform
@@ -73,6 +74,8 @@ class Cloud:
         shift_share: of the shift along each axis, as a share of the part's radius.
         poses: in the cloud; solved: of these, from how many the solver runs; finalists: of its results, how many are
             refined.
+
+    Raises TrackingError for numbers that make no cloud.
     """
 
     turn_deg: float
@@ -80,6 +83,14 @@ class Cloud:
     poses: int
     solved: int
     finalists: int
+
+    def __post_init__(self) -> None:
+        for name, least, most in (
+            ("turn_deg", 0, 180), ("shift_share", 0, 10), ("poses", 1, 10_000), ("solved", 1, 10_000),
+            ("finalists", 1, 10_000),
+        ):  # fmt: skip
+            if not least <= getattr(self, name) <= most:
+                raise TrackingError(f"cloud.{name} = {getattr(self, name):g}: give {least} to {most}")
 
     def around(self, cam_T_obj: FloatArray, part: Part) -> list[FloatArray]:
         """The pose (4, 4) itself, then the scattered ones; always the same."""

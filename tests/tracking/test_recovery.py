@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
@@ -27,7 +28,7 @@ from acp_lab.tracking.recovery import (
     recover,
 )
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import WIDE_LEVELS
+from acp_lab.tracking.search import WIDE_LEVELS, Cloud
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
@@ -181,7 +182,10 @@ def test_a_jump_is_caught_only_with_second_tries(part: Part, model: PreparedPart
 
 # ---- alternatives --------------------------------------------------------------------------------------------
 
-PATIENT = Alternatives(below=0.8, slack=0.05, gain=0.03, innovation_cost=0.01, most_innovation=10.0)
+PATIENT = Alternatives(
+    below=0.8, slack=0.05, gain=0.03, innovation_cost=0.01, most_innovation=10.0, cloud_below=0.0
+)
+SEARCHING = replace(PATIENT, cloud_below=0.5, cloud=Cloud(5.0, 0.3, 20, 4, 1))
 
 
 @dataclass
@@ -194,6 +198,7 @@ class Compared:
     refined: float = 0.0
     innovation: float = 0.0
     jumps: bool = False
+    in_cloud: float = 0.0
     tried: list[str] = field(default_factory=list)
 
     def solve(
@@ -206,6 +211,9 @@ class Compared:
             if self.jumps:
                 away = np.array([0.0, 0, 0, 0, 0, 3 * self.part.radius])
                 start = start.view.at_pose(move_pose(start.cam_T_obj, self.part.box_centre, away))
+        elif levels not in (REGIONS_FIRST, EDGES_TOO):
+            self.tried.append("cloud")
+            score = self.in_cloud
         else:
             pose = "predicted" if start.cam_T_obj is self.predicted else "last"
             name = f"{pose} { ({REGIONS_FIRST: 'regions', EDGES_TOO: 'edges'}[levels]) }"  # type: ignore[index]
@@ -218,8 +226,13 @@ class Compared:
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
         raise AssertionError("not asked for")
 
+    def afresh(self, seen: SeenFrame) -> SeenFrame:
+        return seen
+
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
-        raise AssertionError("not asked for")
+        """The farther to the right the better."""
+        assert seen.view.prior is self.predicted, "the cloud is around the prediction"
+        return float(transform(at.cam_T_obj, self.part.box_centre)[0])
 
 
 def compared(solver: Compared, view: View, first: Solution | None, config: Alternatives = PATIENT) -> Solution | None:
@@ -295,7 +308,7 @@ def test_no_place_far_from_the_expected_one_is_taken_for_a_part_that_is_half_hid
     first = first_try(view, 0.320)
     for innovation, is_taken in ((60.4, False), (5.0, True)):
         solver = Compared(part, predicted, {"predicted regions": 0.44}, refined=0.447, innovation=innovation)
-        assert (compared(solver, view, first, Alternatives()) is not first) == is_taken
+        assert (compared(solver, view, first, Alternatives(cloud_below=0.0)) is not first) == is_taken
 
 
 def test_without_a_first_try_any_plausible_alternative_will_do(part: Part, view: View, predicted: FloatArray) -> None:
@@ -308,3 +321,57 @@ def test_without_a_first_try_any_plausible_alternative_will_do(part: Part, view:
     jumping = Compared(part, predicted, {"last edges": 0.9}, refined=0.9, jumps=True)
     assert compared(jumping, view, first) is first
     assert compared(jumping, view, None) is None
+
+
+def test_a_cloud_is_searched_where_nothing_fits_half_as_well_as_usual(
+    part: Part, view: View, predicted: FloatArray
+) -> None:
+    for best, searched in ((0.49, True), (0.5, False)):
+        for scores, first_score in (({"last edges": best}, 0.46), ({"last edges": 0.46}, best)):
+            solver = Compared(part, predicted, scores, refined=0.9, in_cloud=0.6)
+            found = compared(solver, view, first_try(view, first_score), SEARCHING)
+            assert ("cloud" in solver.tried) == searched
+            assert found is not None
+            assert found.score == 0.9
+            rightmost = max(
+                SEARCHING.cloud.around(predicted, part), key=lambda pose: transform(pose, part.box_centre)[0]
+            )
+            assert np.array_equal(found.cam_T_obj, rightmost) == searched
+    without_first = Compared(part, predicted, {}, refined=0.2, in_cloud=0.2)
+    assert compared(without_first, view, None, SEARCHING) is not None
+    assert without_first.tried.count("cloud") == SEARCHING.cloud.solved + SEARCHING.cloud.finalists
+
+
+def test_a_place_in_the_cloud_must_be_better_like_any_other(part: Part, view: View, predicted: FloatArray) -> None:
+    first = first_try(view, 0.4)
+    for in_cloud, refined, is_taken in ((0.3, 0.9, False), (0.5, 0.42, False), (0.5, 0.44, True)):
+        solver = Compared(part, predicted, {}, refined=refined, in_cloud=in_cloud)
+        assert (compared(solver, view, first, SEARCHING) is not first) == is_taken
+
+
+@pytest.mark.parametrize(
+    "cloud", [{"turn_deg": -1.0}, {"shift_share": float("nan")}, {"poses": 0}, {"solved": 0}, {"finalists": 10**6}]
+)
+def test_numbers_that_make_no_cloud_are_refused(cloud: dict[str, float]) -> None:
+    (name, value), = cloud.items()
+    with pytest.raises(TrackingError, match=f"cloud.{name} = {value:g}: give ".replace("+", r"\+")):
+        replace(Alternatives().cloud, **cloud)
+
+
+def test_a_turn_and_a_leap_at_once_are_found_in_a_cloud(
+    part: Part, model: PreparedPart, sequence: MadeSequence
+) -> None:
+    frames = [frame for frame in sequence.frames(4) if isinstance(frame, Frame)]
+    step = np.array([0.0, 0.25, 0.0, -20.0, 16.0, 0.0])
+    jumped = move_pose(sequence.truth(6, 1), part.box_centre, step)  # type: ignore[arg-type]
+    off = {}
+    for cloud_below in (0.5, 0.0):
+        method = replace(ACP, sight=Off(), recovery=Alternatives(cloud_below=cloud_below))
+        tracker = Tracker(model, method)
+        tracker.start(frames[0], sequence.first_pose)
+        for frame in frames[1:]:
+            tracker.track(frame)
+        result = tracker.track(Frame(8, draw([(part, jumped)], 4), CAMERA))
+        off[cloud_below] = add_percent(part, result.cam_T_obj, jumped)
+    assert off[0.5] < 2.0
+    assert off[0.0] > 5.0
