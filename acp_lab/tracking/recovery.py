@@ -67,7 +67,7 @@ class Alternatives:
         gain: how much better it must be in the end.
         innovation_cost: score that a unit of normalised squared innovation costs, up to `most_innovation` units.
         cloud_below: share of the running mean score below which, where neither the first try nor an alternative reaches
-            it, a cloud around the predicted pose is searched; 0 for never.
+            it, a cloud around the predicted pose is searched, and what it has to reach; 0 for never.
         cloud: its poses. They are chosen as in a first frame, by what the image shows of edges, whatever was learnt.
     """
 
@@ -189,12 +189,15 @@ def _alternatives(
     if first is not None and first.score >= config.below * situation.mean_score:
         return first
     found = list(_other_tries(solver, look, situation, clock))
+    least = config.cloud_below * situation.mean_score
     reached = max([first.score if first else 0.0, *(solution.score for _, solution in found)])
-    if reached < config.cloud_below * situation.mean_score and (seen := look(situation.predicted)) is not None:
+    if reached < least and (seen := look(situation.predicted)) is not None:
         clock.lap()
         scattered = search_cloud(solver, seen, situation.predicted, config.cloud)
         clock.search_s += clock.lap()
-        found += [] if scattered is None else [(seen, scattered)]
+        # Of so many poses some fit better than one that is covered; the part itself fits nearly as usual.
+        if scattered is not None and scattered.score >= least:
+            found.append((seen, scattered))
     if not found:
         return first
     seen, promising = max(found, key=lambda one: one[1].score)
