@@ -17,9 +17,11 @@ from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.picture_memory import PictureMemory
 from acp_lab.tracking.recovery import Situation, recover
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.schedule import Level, PixelSchedule
 from acp_lab.tracking.search import WIDE_LEVELS, better, is_plausible
 from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.usual_fit import UsualFit
 
@@ -132,11 +134,11 @@ class Pursuit:
         return self.predicted, found
 
     def recover(
-        self, frame: Frame, predicted: FloatArray, first: Solution | None, clock: Stopwatch, time_to_search: bool
+        self, frame: Frame, predicted: FloatArray, first: Solution | None, clock: Stopwatch, states: StateMachine
     ) -> Solution | None:
         """The first try, or a better one from elsewhere, see `recovery`.
 
-        first: what was found from the predicted pose (4, 4). time_to_search: see `states.StateMachine`.
+        first: what was found from the predicted pose (4, 4). states: whether the part is lost.
         """
         config = self.solver.method.recovery
         if isinstance(config, Off):
@@ -147,7 +149,8 @@ class Pursuit:
             self.predictor.moves,
             self.usual.mean_quality,
             self.usual.mean_score,
-            time_to_search,
+            states.state is TrackState.LOST,
+            states.is_time_to_search(),
             self.predictor.innovation_of,
         )
         return recover(self.solver, first, lambda pose: self.look(frame, pose, clock), situation, config, clock)

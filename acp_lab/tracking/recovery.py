@@ -66,8 +66,9 @@ class Alternatives:
         slack: how much worse than the first try an alternative may be before its last level.
         gain: how much better it must be in the end.
         innovation_cost: score that a unit of normalised squared innovation costs, up to `most_innovation` units.
-        cloud_below: share of the running mean score below which, where neither the first try nor an alternative reaches
-            it, a cloud around the predicted pose is searched, and what it has to reach; 0 for never.
+        cloud_below: share of the running mean score. Where neither the first try nor an alternative reaches it, a cloud
+            around the predicted pose is searched, and the best of that must reach it before its last level; 0 for
+            never.
         cloud: its poses. They are chosen as in a first frame, by what the image shows of edges, whatever was learnt.
     """
 
@@ -84,6 +85,7 @@ class Alternatives:
         for name in ("below", "slack", "gain", "innovation_cost", "most_innovation", "cloud_below"):
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise TrackingError(f"recovery.{name} = {getattr(self, name):g}: give 0 or more")
+        self.cloud.check("recovery.cloud.")
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,8 @@ class Situation:
 
     Attributes:
         predicted, last: (4, 4) the predicted and the last pose; moves: whether they differ.
-        mean_quality, mean_score: running means; time_to_search: whether a wide search is due.
+        mean_quality, mean_score: running means.
+        is_lost: whether the part is; time_to_search: whether a wide search is due then.
         innovation: of a pose (4, 4), squared, normalised, per degree of freedom.
     """
 
@@ -127,6 +130,7 @@ class Situation:
     moves: bool
     mean_quality: float
     mean_score: float
+    is_lost: bool
     time_to_search: bool
     innovation: Callable[[FloatArray], float]
 
@@ -189,27 +193,60 @@ def _alternatives(
     if first is not None and first.score >= config.below * situation.mean_score:
         return first
     found = list(_other_tries(solver, look, situation, clock))
-    least = config.cloud_below * situation.mean_score
-    reached = max([first.score if first else 0.0, *(solution.score for _, solution in found)])
-    if reached < least and (seen := look(situation.predicted)) is not None:
-        clock.lap()
-        scattered = search_cloud(solver, seen, situation.predicted, config.cloud)
-        clock.search_s += clock.lap()
-        # Of so many poses some fit better than one that is covered; the part itself fits nearly as usual.
-        if scattered is not None and scattered.score >= least:
-            found.append((seen, scattered))
-    if not found:
-        return first
-    seen, promising = max(found, key=lambda one: one[1].score)
+    tries = [max(found, key=lambda one: one[1].score)] if found else []
+    reached = max([first.score if first else 0.0, *(solution.score for _, solution in tries)])
+    scattered = _in_cloud(solver, reached, look, situation, config, clock)
+    for seen, promising in tries if scattered is None else [scattered, *tries]:
+        refined = _refined(solver, seen, promising, first, situation, config, clock)
+        if refined is not None:
+            return refined
+    return first
+
+
+def _refined(
+    solver: PoseSolver,
+    seen: SeenFrame,
+    promising: Solution,
+    first: Solution | None,
+    situation: Situation,
+    config: Alternatives,
+    clock: Stopwatch,
+) -> Solution | None:
+    """A promising solution after its last level; None where it is not plausible, or not better than the first try."""
     if first is not None and promising.score <= first.score - config.slack:
-        return first
+        return None
     refined = solver.solve(seen, seen.view.at_pose(promising.cam_T_obj), clock, LAST_LEVEL)
     if refined is None or not is_plausible(refined.cam_T_obj, situation.last, solver.part):
-        return first
+        return None
     innovation = min(situation.innovation(refined.cam_T_obj), config.most_innovation)
     if first is not None and refined.score - config.innovation_cost * innovation <= first.score + config.gain:
-        return first
+        return None
     return refined
+
+
+def _in_cloud(
+    solver: PoseSolver,
+    reached: float,
+    look: Look,
+    situation: Situation,
+    config: Alternatives,
+    clock: Stopwatch,
+) -> tuple[SeenFrame, Solution] | None:
+    """The best of a cloud around the predicted pose; None where it is not due, or nothing in it fits well enough.
+
+    reached: the best score so far.
+    """
+    least = config.cloud_below * situation.mean_score
+    if least <= 0.0 or reached >= least or (situation.is_lost and not situation.time_to_search):
+        return None
+    seen = look(situation.predicted)
+    if seen is None:
+        return None
+    clock.lap()
+    scattered = search_cloud(solver, seen, situation.predicted, config.cloud)
+    clock.search_s += clock.lap()
+    # Among so many poses some fit better than the true one of a covered part; a part in sight reaches at least this.
+    return None if scattered is None or scattered.score < least else (seen, scattered)
 
 
 def _other_tries(

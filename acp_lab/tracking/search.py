@@ -74,8 +74,6 @@ class Cloud:
         shift_share: of the shift along each axis, as a share of the part's radius.
         poses: in the cloud; solved: of these, from how many the solver runs; finalists: of its results, how many are
             refined.
-
-    Raises TrackingError for numbers that make no cloud.
     """
 
     turn_deg: float
@@ -84,13 +82,14 @@ class Cloud:
     solved: int
     finalists: int
 
-    def __post_init__(self) -> None:
+    def check(self, prefix: str) -> None:
+        """Raises TrackingError for numbers that make no cloud; prefix: what its settings are called by."""
         for name, least, most in (
-            ("turn_deg", 0, 180), ("shift_share", 0, 10), ("poses", 1, 10_000), ("solved", 1, 10_000),
+            ("turn_deg", 0, 180), ("shift_share", 0, 1), ("poses", 1, 10_000), ("solved", 1, 10_000),
             ("finalists", 1, 10_000),
         ):  # fmt: skip
             if not least <= getattr(self, name) <= most:
-                raise TrackingError(f"cloud.{name} = {getattr(self, name):g}: give {least} to {most}")
+                raise TrackingError(f"{prefix}{name} = {getattr(self, name):g}: give {least} to {most}")
 
     def around(self, cam_T_obj: FloatArray, part: Part) -> list[FloatArray]:
         """The pose (4, 4) itself, then the scattered ones; always the same."""

@@ -67,11 +67,7 @@ class TrustedStart:
             raise TrackingError(f"start.bias_in_breaks = {self.bias_in_breaks:g}: give 0 to 100")
         if not 0.0 <= self.surpassed <= 1.0:
             raise TrackingError(f"start.surpassed = {self.surpassed:g}: give 0 to 1")
-        for name in ("poses", "solved"):
-            if not 1 <= getattr(self, name) <= 10_000:
-                raise TrackingError(f"start.{name} = {getattr(self, name)}: give 1 to 10000")
-        if not 0.0 <= self.shift_share <= 1.0:
-            raise TrackingError(f"start.shift_share = {self.shift_share:g}: give 0 to 1")
+        self.cloud.check("start.")
 
     @property
     def cloud(self) -> Cloud:

@@ -175,8 +175,7 @@ class Tracker:
         else:
             predicted, solution = pursuit.follow(frame, clock)
             if not self._is_lost or self._way_back is None:
-                time_to_search = self._states.is_time_to_search()
-                solution = pursuit.recover(frame, predicted, solution, clock, time_to_search)
+                solution = pursuit.recover(frame, predicted, solution, clock, self._states)
         quality = 0.0 if solution is None else self._quality(solution)
         if solution is not None and self._states.may_begin_to_track(quality):
             self._states.doubted = self._doubts(frame, solution, quality)

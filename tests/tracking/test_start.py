@@ -102,9 +102,12 @@ def test_a_start_is_not_trusted_because_the_solver_finds_nothing_better(
     assert kept.trusted
 
 
-@pytest.mark.parametrize("setting", [{"surpassed": 1.1}, {"poses": 0}, {"solved": 0}, {"shift_share": -0.1}])
+@pytest.mark.parametrize(
+    "setting",
+    [{"surpassed": 1.1}, {"poses": 0}, {"solved": 0}, {"shift_share": -0.1}, {"finalists": 0}, {"turn_deg": -1.0}],
+)
 def test_settings_of_the_cloud_are_checked(setting: dict[str, float]) -> None:
-    with pytest.raises(TrackingError, match=next(iter(setting))):
+    with pytest.raises(TrackingError, match=f"start.{next(iter(setting))} = "):
         replace(CONFIG, **setting)  # type: ignore[arg-type]
 
 
