@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from acp_lab.commands.methods import chosen_method
-from acp_lab.errors import ParameterError
+from acp_lab.errors import InputFileError, ParameterError
 from acp_lab.tracking.limits import check_limits
 from acp_lab.tracking.method import METHODS, Method
 
@@ -24,7 +24,7 @@ def test_every_named_method_is_within_them(method: Method) -> None:
         ("[states]\npatience = 1000000000", "states.patience = 1e+09: give at most 100000"),
         ("[start]\nlargest_shift_px = 0.0", "start.largest_shift_px = 0: give more than 0"),
         ("[start]\nlargest_scale = 1e-300", "start.largest_scale = 1e-300: give more than 0"),
-        ("[start]\nturn_deg = inf", "start.turn_deg = inf: give at most 1e+06"),
+        ("[states]\nweak_below = inf", "states.weak_below = inf: give at most 1e+06"),
         ("[learning.offsets]\ninner_power = 1e9", "learning.offsets.inner_power = 1e+09: give at most 10"),
         ("[learning.reliability]\nmiss_px = 1e300", "miss_px = 1e+300: give at most 1000"),
         (
@@ -40,6 +40,21 @@ def test_what_is_beyond_them_is_named_with_the_file(lines: str, told: str, tmp_p
         chosen_method("acp", path)
     assert str(caught.value).startswith(f"{path}: ")
     assert told in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ("[start]\nturn_deg = inf", "start.turn_deg = inf: give 0 to 180"),
+        ("[recovery.cloud]\nposes = 0", "recovery.cloud.poses = 0: give 1 to 10000"),
+    ],
+)
+def test_what_is_no_cloud_is_named_with_the_file(lines: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f'base = "acp"\n{lines}\n')
+    with pytest.raises(InputFileError) as caught:
+        chosen_method("acp", path)
+    assert str(caught.value) == f"{path}: {told}"
 
 
 def test_no_number_is_no_limit() -> None:
