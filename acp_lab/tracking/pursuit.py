@@ -138,7 +138,7 @@ class Pursuit:
     ) -> Solution | None:
         """The first try, or a better one from elsewhere, see `recovery`.
 
-        first: what was found from the predicted pose (4, 4). states: whether the part is lost.
+        first: what was found from the predicted pose (4, 4). states: whether it is lost, and a wide search due.
         """
         config = self.solver.method.recovery
         if isinstance(config, Off):
