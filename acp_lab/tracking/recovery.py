@@ -19,6 +19,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import (
     Cloud,
+    Look,
     PoseSolver,
     SearchPlan,
     better,
@@ -133,10 +134,6 @@ class Situation:
     is_lost: bool
     time_to_search: bool
     innovation: Callable[[FloatArray], float]
-
-
-Look = Callable[[FloatArray], SeenFrame | None]
-"""Gives the frame around a pose (4, 4)."""
 
 
 def recover(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import rotation_angle_deg, transform
-from acp_lab.geometry.pose_step import move_pose
+from acp_lab.geometry.pose_step import move_pose, pose_step_between
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.solution import SeenFrame, Solution
@@ -31,9 +31,15 @@ AGREEMENT_LEVEL = Level(6, 1.2)
 LOOK_AROUND = Level(12, 5.0, 150)
 """For choosing among poses of which none is near: wide, and with few samples."""
 _CLOUD_LEVELS, _FINE_LEVELS = WIDE_LEVELS[1:], (Level(8, 2.0, 400), Level(5, 1.0, 600))
+# How many standard deviations from the middle of a cloud its rim begins, over all six directions.
+_RIM = 2.45
 _RING = 8
 # No part turns more from one frame to the next; nor does it move by its own size.
 _LARGEST_TURN_DEG = 45.0
+
+
+Look = Callable[[FloatArray], SeenFrame | None]
+"""Gives the frame around a pose (4, 4)."""
 
 
 class PoseSolver(Protocol):
@@ -90,6 +96,18 @@ class Cloud:
         ):  # fmt: skip
             if not least <= getattr(self, name) <= most:
                 raise TrackingError(f"{prefix}{name} = {getattr(self, name):g}: give {least} to {most}")
+
+    @property
+    def wider(self) -> Cloud:
+        """Twice as many poses, scattered twice as wide."""
+        return replace(self, turn_deg=2.0 * self.turn_deg, shift_share=2.0 * self.shift_share, poses=2 * self.poses)
+
+    def reaches(self, cam_T_obj: FloatArray, found: FloatArray, part: Part) -> bool:
+        """Whether a pose (4, 4) lies well within the cloud around another: not at its rim, or outside."""
+        step = pose_step_between(cam_T_obj, found, part.box_centre)
+        spreads = np.repeat([math.radians(self.turn_deg), self.shift_share * part.radius], 3)
+        # A cloud that does not spread in some direction reaches as far there as what is found was moved by the solver.
+        return float(np.linalg.norm(step[spreads > 0.0] / spreads[spreads > 0.0])) < _RIM
 
     def around(self, cam_T_obj: FloatArray, part: Part) -> list[FloatArray]:
         """The pose (4, 4) itself, then the scattered ones; always the same."""
@@ -152,6 +170,44 @@ def search_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, clo
     seen = solver.afresh(seen)
     plan = SearchPlan(_CLOUD_LEVELS, cloud.finalists, _FINE_LEVELS)
     return search_among(solver, seen, cloud.around(cam_T_obj, solver.part), seen.view.at_pose, cloud.solved, plan)
+
+
+def search_on(
+    solver: PoseSolver, look: Look, seen: SeenFrame, cloud: Cloud, clouds: int
+) -> tuple[SeenFrame, Solution] | None:
+    """The best solution from a cloud around the prior of a frame's view, or from at most `clouds` clouds on from there.
+
+    A pose that is found at the rim of what was searched is rarely the right one. Then a wider cloud is searched around
+    the same prior, and, as long as what that finds is at its rim, another around that. With the frame around the place
+    where it was found; None when no pose of the first cloud leads to one that is plausible there.
+    """
+    prior = middle = seen.view.prior
+    found = search_cloud(solver, seen, prior, cloud)
+    if found is None or not is_plausible(found.cam_T_obj, prior, solver.part):
+        return None
+    searched, wider = cloud, cloud.wider
+    for number in range(1, clouds):
+        if searched.reaches(middle, found.cam_T_obj, solver.part):
+            break
+        place = prior if number == 1 else found.cam_T_obj
+        around_place = look(place)
+        farther = None if around_place is None else search_cloud(solver, around_place, place, wider)
+        there = None
+        if farther is not None and is_plausible(farther.cam_T_obj, place, solver.part):
+            there = look(farther.cam_T_obj)
+        if farther is not None and there is not None and _agrees_better(solver, there, farther, found):
+            seen, searched, middle, found = there, wider, place, farther
+        elif number > 1:
+            break
+    return seen, found
+
+
+def _agrees_better(solver: PoseSolver, seen: SeenFrame, one: Solution, other: Solution) -> bool:
+    """Whether a frame agrees better with one solution than with another."""
+    one_agrees, other_agrees = (
+        solver.agreement(seen, seen.view.at_pose(solution.cam_T_obj), AGREEMENT_LEVEL) for solution in (one, other)
+    )
+    return one_agrees > other_agrees
 
 
 def search_among(

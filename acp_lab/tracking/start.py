@@ -20,7 +20,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import AGREEMENT_LEVEL, Cloud, PoseSolver, search_cloud
+from acp_lab.tracking.search import AGREEMENT_LEVEL, Cloud, Look, PoseSolver, search_on
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.weighed_start import weighed_start
@@ -44,7 +44,8 @@ class TrustedStart:
             is not exact is weighed against what was found, see `weighed_start`; 0 for never.
         measures: whether offsets are measured also at a pose that is no trusted start.
         shift_share, poses, solved: of the cloud, see `search.Cloud`.
-        surpassed: share of the best agreement in the cloud below which a start is not trusted.
+        clouds: how many are searched at most, wider ones where what was found lies at the rim, see `search.search_on`.
+        surpassed: share of the best agreement in the clouds below which a start is not trusted.
     """
 
     kind: ClassVar[str] = "trusted"
@@ -60,6 +61,7 @@ class TrustedStart:
     shift_share: float = 0.06
     poses: int = 120
     solved: int = 12
+    clouds: int = 6
     surpassed: float = 0.7
 
     def __post_init__(self) -> None:
@@ -67,6 +69,8 @@ class TrustedStart:
             raise TrackingError(f"start.bias_in_breaks = {self.bias_in_breaks:g}: give 0 to 100")
         if not 0.0 <= self.surpassed <= 1.0:
             raise TrackingError(f"start.surpassed = {self.surpassed:g}: give 0 to 1")
+        if not 1 <= self.clouds <= 100:
+            raise TrackingError(f"start.clouds = {self.clouds:g}: give 1 to 100")
         self.cloud.check("start.")
 
     @property
@@ -85,40 +89,44 @@ LOOK_LEVEL = Level(6, 1.0, samples=30_000)
 class Started:
     """The solution of the first frame.
 
-    trusted: its pose is the given one, or near it. measures: offsets of edges can be measured at it.
+    seen: the frame around it. trusted: its pose is the given one, or near it. measures: offsets of edges can be
+    measured at it.
     """
 
+    seen: SeenFrame
     solution: Solution
     trusted: bool
     measures: bool
 
 
-def begin(solver: PoseSolver, seen: SeenFrame, config: TrustedStart, clock: Stopwatch) -> Started | None:
-    """The first frame, from its view's prior; None where the part is not seen there."""
+def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart, clock: Stopwatch) -> Started | None:
+    """The first frame, from its view's prior; None where the part is not seen there. look: at other places of it."""
     view = seen.view
     solved = solver.solve(seen, view.at_pose(view.prior), clock)
     if solved is None:
         return None
     solved = solver.settle(seen, solved, clock)
-    found = search_cloud(solver, seen, view.prior, config.cloud)
-    found = solved if found is None else solver.settle(seen, found, clock)
-    ratio = _agreement_ratio(solver, seen, found)
+    there, found = search_on(solver, look, seen, config.cloud, config.clouds) or (seen, None)
+    found = solved if found is None else solver.settle(there, found, clock)
+    ratio = _agreement_ratio(solver, seen, there, found)
     trusted = is_trusted(solver, seen, solved, config) and ratio >= config.surpassed
     pose, steps = (view.prior, tuple[TrackStep, ...]()) if trusted else (found.cam_T_obj, found.steps)
+    there = seen if trusted else there
     is_exact = trusted and is_trusted(solver, seen, solved, replace(config, agreement_alone=_NEVER))
     matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
     if not is_exact and bias_mm and matches is not None:
-        ratio = min(ratio, _agreement_ratio(solver, seen, solved))
+        ratio = min(ratio, _agreement_ratio(solver, seen, seen, solved))
         pose = weighed_start(view, found.cam_T_obj, matches, bias_mm, ratio)
     # Where the search left the image, stay with what the given pose led to.
-    looked = solver.look_at(seen, view.at_pose(pose), LOOK_LEVEL, clock) or solved
-    return Started(replace(looked, steps=steps), trusted, trusted or config.measures)
+    looked = solver.look_at(there, there.view.at_pose(pose), LOOK_LEVEL, clock) or solved
+    return Started(there, replace(looked, steps=steps), trusted, trusted or config.measures)
 
 
-def _agreement_ratio(solver: PoseSolver, seen: SeenFrame, best: Solution) -> float:
-    """How well the frame agrees with the prior of its view, as a share of how well with a solution."""
+def _agreement_ratio(solver: PoseSolver, seen: SeenFrame, there: SeenFrame, best: Solution) -> float:
+    """How well the frame agrees with the prior of its view, as a share of how well with a solution found in another."""
     at_start, at_best = (
-        solver.agreement(seen, seen.view.at_pose(pose), AGREEMENT_LEVEL) for pose in (seen.view.prior, best.cam_T_obj)
+        solver.agreement(frame, frame.view.at_pose(pose), AGREEMENT_LEVEL)
+        for frame, pose in ((seen, seen.view.prior), (there, best.cam_T_obj))
     )
     return at_start / max(at_best, 1e-9)
 

@@ -121,7 +121,7 @@ class Tracker:
         frame = self._steady(frame, clock)
         self._pursuit.region = self._first_region(pose)
         seen = self._pursuit.look(frame, pose, clock)
-        started = None if seen is None else self._begin(seen, clock)
+        started = None if seen is None else self._begin(frame, seen, clock)
         if seen is None or started is None:
             behind = " and lies behind the camera" if transform(pose, self.part.box_centre)[2] <= 0.0 else ""
             size = f"{frame.camera.width}x{frame.camera.height}"
@@ -129,7 +129,8 @@ class Tracker:
                 f"{self.part.name}: at the start pose t = {np.round(pose[:3, 3], 1).tolist()} mm the part is not seen "
                 f"in frame {frame.index} ({size}){behind}; check pose, unit and camera"
             )
-        solution, self._trusted = started.solution, started.trusted
+        seen, solution, self._trusted = started.seen, started.solution, started.trusted
+        self._pursuit.region = seen.view.region
         matches = solution.judgement.matches
         if started.measures and matches is not None:
             self.solver.knowledge.measure_offsets(matches)
@@ -252,12 +253,16 @@ class Tracker:
         natural, region = self.solver.natural_region(predicted), self._pursuit.region
         return f"view region {natural} {NOT_PREPARED}: that of region {region} is used; accuracy will fall"
 
-    def _begin(self, seen: SeenFrame, clock: Stopwatch) -> Started | None:
-        config = self.method.start
+    def _begin(self, frame: Frame, seen: SeenFrame, clock: Stopwatch) -> Started | None:
+        config, solver = self.method.start, self.solver
         if not isinstance(config, Off):
-            return begin(self.solver, seen, config, clock)
+
+            def look(pose: FloatArray) -> SeenFrame | None:
+                return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
+
+            return begin(solver, look, seen, config, clock)
         solution = self.solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
-        return None if solution is None else Started(solution, trusted=False, measures=False)
+        return None if solution is None else Started(seen, solution, trusted=False, measures=False)
 
     def _quality(self, solution: Solution) -> float:
         """In [0, 1], as it is reported."""

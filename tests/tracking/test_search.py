@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,17 @@ from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.recovery import RING_PLAN
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import Cloud, SearchPlan, better, is_plausible, ring, search, search_around, search_cloud
+from acp_lab.tracking.search import (
+    Cloud,
+    SearchPlan,
+    better,
+    is_plausible,
+    ring,
+    search,
+    search_around,
+    search_cloud,
+    search_on,
+)
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.targets.regions import RegionTarget
 from tests.made_parts import looking_at
@@ -152,6 +162,86 @@ def test_of_a_cloud_the_most_agreeable_are_solved_and_the_best_of_these_refined(
     assert len(solver.agreed) == 121 + 12 + 3
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_search_goes_on_from_the_rim_of_a_cloud(
+    part: Part, solver: FrameSolver, sequence: MadeSequence, truth: FloatArray, seed: int
+) -> None:
+    (frame,) = sequence.frames(1)
+    assert isinstance(frame, Frame)
+
+    def look(pose: FloatArray) -> SeenFrame | None:
+        return solver.look(frame.image, CAMERA, pose, REGION)
+
+    start = disturb_pose(truth, part.box_centre, 20.0, 16.0, np.random.default_rng(seed))
+    seen = look(start)
+    assert seen is not None
+    missed = search_cloud(solver, seen, start, CLOUD)
+    assert missed is not None
+    assert add_percent(part, missed.cam_T_obj, truth) > 10.0
+    found = search_on(solver, look, seen, CLOUD, 6)
+    assert found is not None
+    around, solution = found
+    assert add_percent(part, solution.cam_T_obj, truth) < 1.5
+    np.testing.assert_allclose(around.view.prior, solution.cam_T_obj)
+
+
+def test_a_search_goes_on_as_long_as_it_may(part: Part, seen: SeenFrame, truth: FloatArray) -> None:
+    """Where farther across is always better, each cloud's best lies at its rim."""
+    looked = list[FloatArray]()
+
+    def look(pose: FloatArray) -> SeenFrame:
+        looked.append(pose)
+        return SeenFrame(replace(seen.view, prior=pose), seen.targets)
+
+    across = []
+    for clouds in (1, 2, 3, 4):
+        looked.clear()
+        found = search_on(Noted(part), look, seen, CLOUD, clouds)
+        assert found is not None
+        across.append(found[1].cam_T_obj[0, 3] - truth[0, 3])
+        # Around the start twice, then around what was found; each time the frame is looked at there, too.
+        places, results = looked[::2], looked[1::2]
+        assert len(looked) == 2 * (clouds - 1)
+        for place, expected in zip(places, [truth, *results], strict=False):
+            np.testing.assert_array_equal(place, expected)
+    assert across == sorted(set(across))
+    # A part that is seen nowhere else stays where the first cloud found it.
+    alone = search_on(Noted(part), lambda pose: None, seen, CLOUD, 4)
+    assert alone is not None
+    assert alone[0] is seen
+    assert alone[1].cam_T_obj[0, 3] - truth[0, 3] == across[0]
+
+
+def test_what_cannot_follow_is_not_found(part: Part, seen: SeenFrame, truth: FloatArray) -> None:
+    """Far away a part is a few pixels, which agree with anything."""
+    far = move_pose(truth, part.box_centre, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 50.0 * part.radius]))
+    assert search_on(Leaps(part, far), lambda pose: seen, seen, CLOUD, 6) is None
+
+
+def test_a_pose_within_a_cloud_ends_the_search(part: Part, seen: SeenFrame, truth: FloatArray) -> None:
+    def look(pose: FloatArray) -> SeenFrame:
+        raise AssertionError("not asked for")
+
+    found = search_on(Likes(part, truth), look, seen, CLOUD, 6)
+    assert found is not None
+    np.testing.assert_array_equal(found[1].cam_T_obj, truth)
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "shift_in_radii", "within"),
+    [(0, 0, True), (10.5, 0, True), (11.5, 0, False), (0, 0.14, True), (0, 0.155, False), (8.5, 0.12, False)],
+)
+def test_the_rim_of_a_cloud_is_two_and_a_half_standard_deviations_away(
+    part: Part, truth: FloatArray, turn_deg: float, shift_in_radii: float, within: bool
+) -> None:
+    step = np.array([0.0, np.radians(turn_deg), 0.0, 0.0, 0.0, shift_in_radii * part.radius])
+    pose = move_pose(truth, part.box_centre, step)
+    assert CLOUD.reaches(truth, pose, part) is within
+    assert CLOUD.wider.reaches(truth, pose, part)
+    only_turns = replace(CLOUD, shift_share=0.0)
+    assert only_turns.reaches(truth, pose, part) is (turn_deg < 11.0)
+
+
 @dataclass
 class Said:
     """A judgement of which the quality and the score are all that is asked."""
@@ -187,6 +277,28 @@ class Noted:
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
         self.agreed.append(at)
         return float(at.cam_T_obj[0, 3])
+
+
+class Leaps(Noted):
+    """Ends at one pose, from anywhere."""
+
+    def __init__(self, part: Part, pose: FloatArray) -> None:
+        super().__init__(part)
+        self.pose = pose
+
+    def solve(self, seen: SeenFrame, start: Estimate, clock: Any, levels: Any = None) -> Solution | None:
+        return super().solve(seen, start.view.at_pose(self.pose), clock, levels)
+
+
+class Likes(Noted):
+    """Agrees most with one pose."""
+
+    def __init__(self, part: Part, pose: FloatArray) -> None:
+        super().__init__(part)
+        self.pose = pose
+
+    def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
+        return -float(np.abs(at.cam_T_obj - self.pose).sum())
 
 
 def test_finalists_are_refined_on_their_own_levels(part: Part, seen: SeenFrame) -> None:

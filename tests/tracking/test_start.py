@@ -17,6 +17,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.search import Look
 from acp_lab.tracking.start import TrustedStart, begin, is_trusted
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
@@ -33,6 +34,11 @@ def first_frame(part: Part, pose: FloatArray, inset_mm: float = 0.0) -> Frame:
     """The part, or one whose outlines all lie a little further in, at a pose."""
     shown = bracket(shift=(-400.0, -300.0, -500.0), inset_mm=inset_mm)
     return Frame(0, draw([(shown, pose)]), CAMERA)
+
+
+def look_at(solver: FrameSolver, frame: Frame) -> Look:
+    """Anywhere in a frame."""
+    return lambda pose: solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
 
 
 @pytest.fixture(params=WAYS.values(), ids=WAYS.keys())
@@ -56,7 +62,7 @@ def test_an_exact_start_is_trusted_and_kept(
     assert result.quality > 0.6
 
 
-@pytest.mark.parametrize(("angle_deg", "shift_mm"), [(2.0, 2.0), (6.0, 6.0)])
+@pytest.mark.parametrize(("angle_deg", "shift_mm"), [(2.0, 2.0), (6.0, 6.0), (15.0, 12.0)])
 def test_a_disturbed_start_is_not_trusted_and_corrected(
     part: Part, model: PreparedPart, truth: FloatArray, angle_deg: float, shift_mm: float
 ) -> None:
@@ -92,19 +98,22 @@ def test_a_start_is_not_trusted_because_the_solver_finds_nothing_better(
     assert solved is not None
     assert add_percent(part, solved.cam_T_obj, truth) > 10.0
     assert is_trusted(solver, seen, solved, CONFIG)
-    started = begin(solver, seen, CONFIG, Stopwatch())
+    started = begin(solver, look_at(solver, frame), seen, CONFIG, Stopwatch())
     assert started is not None
     assert not started.trusted
     assert add_percent(part, started.solution.cam_T_obj, truth) < 2.5
     # Where a start may be surpassed by anything, it is kept as before.
-    kept = begin(solver, seen, replace(CONFIG, surpassed=0.0), Stopwatch())
+    kept = begin(solver, look_at(solver, frame), seen, replace(CONFIG, surpassed=0.0), Stopwatch())
     assert kept is not None
     assert kept.trusted
 
 
 @pytest.mark.parametrize(
     "setting",
-    [{"surpassed": 1.1}, {"poses": 0}, {"solved": 0}, {"shift_share": -0.1}, {"finalists": 0}, {"turn_deg": -1.0}],
+    [
+        {"surpassed": 1.1}, {"clouds": 0}, {"poses": 0}, {"solved": 0}, {"shift_share": -0.1}, {"finalists": 0},
+        {"turn_deg": -1.0},
+    ],
 )
 def test_settings_of_the_cloud_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=f"start.{next(iter(setting))} = "):
