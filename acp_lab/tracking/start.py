@@ -116,7 +116,8 @@ def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart,
     matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
     if not is_exact and bias_mm and matches is not None:
         ratio = min(ratio, _agreement_ratio(solver, seen, seen, solved))
-        pose = weighed_start(view, found.cam_T_obj, matches, bias_mm, ratio)
+        # A frame agrees with a start that is far off by chance; that says nothing of how far.
+        pose = weighed_start(view, found.cam_T_obj, matches, bias_mm, ratio if there is seen else None)
     # Where the search left the image, stay with what the given pose led to.
     looked = solver.look_at(there, there.view.at_pose(pose), LOOK_LEVEL, clock) or solved
     return Started(there, replace(looked, steps=steps), trusted, trusted or config.measures)
