@@ -3,7 +3,9 @@
 What a hand leaves open is several degrees and, as perspective is weak, a good deal of depth: four points that are
 each within 5 px of their places leave depth off by 6% and more. So a cloud of poses around the given one is
 looked at, quickly and with few samples; the solver runs from those that agree best, coarse to fine; and the
-best of these is refined on every visible sample. The same start gives the same result.
+best of these is refined on every visible sample. From a start that is farther off, the search of a tracker's first
+frame goes on from the rim of its cloud (`search.search_on`); where that ends counts if the frame agrees with it better.
+The same start gives the same result.
 """
 
 from __future__ import annotations
@@ -24,9 +26,12 @@ from acp_lab.tracking.confidence import Confidence
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import AGREEMENT_LEVEL, LOOK_AROUND, WIDE_LEVELS, SearchPlan, search_among
+from acp_lab.tracking.search import AGREEMENT_LEVEL, LOOK_AROUND, WIDE_LEVELS, Look, SearchPlan, search_among, search_on
 from acp_lab.tracking.solution import SeenFrame, Solution
+from acp_lab.tracking.start import TrustedStart
+from acp_lab.tracking.stopwatch import Stopwatch
 
+FIRST_FRAME = TrustedStart()
 LAST_LEVELS = (Level(8, 2.0, 4000), Level(5, 1.0, 4000), Level(5, 1.0, 4000))
 
 
@@ -109,15 +114,22 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     start = np.array(cam_T_obj, np.float64)
     # Nothing is learnt yet: in the first frame there is nothing to remember.
     solver = FrameSolver(model, ACP)
-    seen = solver.look(frame.image, frame.camera, start, solver.choose_region(start), config.margin_px)
-    best = None if seen is None else _search(solver, seen, start, config)
-    if seen is None or best is None:
+
+    def look(pose: FloatArray) -> SeenFrame | None:
+        return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose), config.margin_px)
+
+    seen = look(start)
+    found = None if seen is None else _search(solver, look, seen, config)
+    if seen is None or found is None:
         raise TrackingError(
             f"{model.part.name}: at t = {np.round(start[:3, 3], 1).tolist()} mm the part is not seen in frame "
             f"{frame.index} ({frame.camera.width}x{frame.camera.height}); move the start onto it"
         )
+    there, best = found
     quality = Confidence().of(best)
-    before, after = (_agreement(solver, seen, pose, config.judge) for pose in (start, best.cam_T_obj))
+    before, after = (
+        _agreement(solver, at, pose, config.judge) for at, pose in ((seen, start), (there, best.cam_T_obj))
+    )
     return SnapResult(
         cam_T_obj=best.cam_T_obj,
         quality=quality,
@@ -130,13 +142,27 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     )
 
 
-def _search(solver: FrameSolver, seen: SeenFrame, start: FloatArray, config: SnapConfig) -> Solution | None:
-    """The best solution from a cloud of poses; None when none of them sees the part."""
+def _search(
+    solver: FrameSolver, look: Look, seen: SeenFrame, config: SnapConfig
+) -> tuple[SeenFrame, Solution] | None:
+    """The best solution from poses around the prior of a frame's view, or on from there, and the frame around it.
+
+    None when none of the poses sees the part.
+    """
+    start = seen.view.prior
     cloud = _cloud(start, solver.part.box_centre, seen.view.camera, config)
     plan = SearchPlan(config.search_levels, config.refined, config.last_levels)
-    return search_among(
+    near = search_among(
         solver, seen, cloud, lambda pose: solver.at_pose(seen, pose), config.solved, plan, config.look, config.judge
     )
+    found = [] if near is None else [(seen, near)]
+    gone_on = search_on(solver, look, seen, FIRST_FRAME.cloud, FIRST_FRAME.clouds)
+    if gone_on is not None:
+        there, solution = gone_on
+        refined = solver.solve(there, there.view.at_pose(solution.cam_T_obj), Stopwatch(), config.last_levels)
+        found += [] if refined is None else [(there, refined)]
+    # The first of equals: around the start.
+    return max(found, key=lambda one: _agreement(solver, one[0], one[1].cam_T_obj, config.judge), default=None)
 
 
 def _cloud(start: FloatArray, centre_obj: FloatArray, camera: Camera, config: SnapConfig) -> list[FloatArray]:

@@ -34,6 +34,15 @@ def test_a_pose_that_is_degrees_and_centimetres_off_snaps_to_the_part(seed: int)
     assert np.nanmedian(np.abs(found.residuals_px)) < 1.0
 
 
+@pytest.mark.parametrize("seed", [2, 3, 8])
+def test_a_pose_beyond_the_cloud_snaps_to_the_part(seed: int) -> None:
+    model, truth = sample_model(), sample_scene().first_pose
+    start = disturb_pose(truth, model.part.box_centre, 45.0, 5.0, np.random.default_rng(seed))
+    found = snap(model, first_frame(), start)
+    assert add_percent(model.part, found.cam_T_obj, truth) < 2.0
+    assert found.is_good
+
+
 def test_an_image_without_the_part_is_no_find() -> None:
     frame, truth = first_frame(), sample_scene().first_pose
     rng = np.random.default_rng(0)
