@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from acp_lab.commands.machine import limit_threads
@@ -25,7 +25,8 @@ from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
-from acp_lab.tracking.method import METHODS, method_named  # noqa: E402
+from acp_lab.tracking.method import METHODS, Method, method_named  # noqa: E402
+from acp_lab.tracking.start import TrustedStart  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
@@ -60,27 +61,31 @@ def main() -> None:
     parser.add_argument("--parts", type=Path, required=True)
     parser.add_argument("--split", choices=SPLITS, default="all")
     parser.add_argument("--method", choices=sorted(METHODS), default="acp")
+    parser.add_argument("--clouds", type=int, help="search at most so many, not as many as the method does")
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
-    begun: list[Begun] = []
+    method, begun = method_named(args.method), list[Begun]()
+    if args.clouds is not None and isinstance(method.start, TrustedStart):
+        method = replace(method, start=replace(method.start, clouds=args.clouds))
     for root in args.datasets:
         for scene_id in BopDataset(root).scenes():
             scene = BopDataset(root).open_scene(scene_id)
             if is_in_split(part_name(root, scene.object_ids[0]), args.split):
-                begun += _begun(scene, args.parts, args.method)
+                begun += _begun(scene, args.parts, method)
                 print(root.name, scene_id, len(begun), flush=True)
     rows = {f"{off:g}": _row([one for one in begun if one.off == off]) for off in OFF}
     for off, row in rows.items():
         print(off, {field: round(value, 3) for field, value in row.items()})
     if args.record:
-        about = f"first frames of {args.method}, begun from poses that are off, parts for {args.split}"
+        clouds = "" if args.clouds is None else f", at most so many clouds: {args.clouds}"
+        about = f"first frames of {args.method}, begun from poses that are off, parts for {args.split}{clouds}"
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"first_frames.{args.record}", about, UNIT, names, rows)
 
 
-def _begun(scene: BopScene, parts: Path, method: str) -> Iterator[Begun]:
+def _begun(scene: BopScene, parts: Path, method: Method) -> Iterator[Begun]:
     object_id, model = scene.object_ids[0], prepared_part_of(scene, parts)
-    metric, tracker = PartMetric(model.part, 500), Tracker(model, method_named(method))
+    metric, tracker = PartMetric(model.part, 500), Tracker(model, method)
     frames = [frame for frame in scene.frames() if isinstance(frame, Frame)][::EVERY]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame in frames])
     for frame in frames:
