@@ -88,8 +88,9 @@ class PathTracer:
             "type": "perspective",
             "fov_axis": "x",
             "fov": float(np.degrees(2 * np.arctan(camera.width / (2 * camera.fx)))),
-            "principal_point_offset_x": (camera.cx + 0.5) / camera.width - 0.5,
-            "principal_point_offset_y": (camera.cy + 0.5) / camera.height - 0.5,
+            # From the principal point to the film's middle.
+            "principal_point_offset_x": 0.5 - (camera.cx + 0.5) / camera.width,
+            "principal_point_offset_y": 0.5 - (camera.cy + 0.5) / camera.height,
             "near_clip": 10.0,
             "far_clip": 10000.0,
             "to_world": mi.ScalarTransform4f(to_world.tolist()),

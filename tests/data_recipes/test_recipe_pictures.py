@@ -79,6 +79,20 @@ def test_the_path_tracer_shows_the_same_scene(scene: Scene, picture: Picture) ->
     assert 0.5 < traced.image.mean() / picture.image.mean() < 1.5
 
 
+def test_pixels_of_the_path_tracer_look_where_those_of_the_camera_do(scene: Scene) -> None:
+    """A principal point on the wrong side of the middle shifts the image by a few px beside the truth."""
+    mi = pytest.importorskip("mitsuba", reason="path tracing needs Mitsuba: pip install acp_lab[path-traced]")
+    camera, world_T_cam = scene.camera, scene.at(1.0).world_T_cam
+    assert abs(camera.cx - 47.5) > 0.05
+    assert abs(camera.cy - 39.5) > 0.05
+    sensor = mi.load_dict(path_tracer(scene, 16)._sensor(world_T_cam))
+    pixels = np.array([[0.0, 0.0], [95.0, 3.0], [40.0, 79.0], [camera.cx, camera.cy]])
+    film = (pixels + 0.5) / (camera.width, camera.height)
+    looked = np.array([sensor.sample_ray(0.0, 0.5, place.tolist(), [0.5, 0.5])[0].d for place in film])
+    rays = camera.rays(pixels) @ world_T_cam[:3, :3].T
+    np.testing.assert_allclose(looked, rays / np.linalg.norm(rays, axis=1)[:, None], atol=1e-5)
+
+
 def test_without_mitsuba_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
