@@ -47,7 +47,11 @@ UNIT = {
 
 @dataclass(frozen=True)
 class Begun:
-    """A first frame: how far off it started, ADD as a share of the diameter where it began, infinite for nowhere."""
+    """A first frame.
+
+    off: how far off it started, degrees and mm. error: ADD as a share of the diameter where it began, infinite for
+    nowhere. ms: CPU time.
+    """
 
     off: float
     error: float
@@ -65,7 +69,9 @@ def main() -> None:
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
     method, begun = method_named(args.method), list[Begun]()
-    if args.clouds is not None and isinstance(method.start, TrustedStart):
+    if args.clouds is not None:
+        if not isinstance(method.start, TrustedStart) or args.clouds < 1:
+            parser.error(f"--clouds {args.clouds}: give 1 or more, and a method that searches its first frame")
         method = replace(method, start=replace(method.start, clouds=args.clouds))
     for root in args.datasets:
         for scene_id in BopDataset(root).scenes():

@@ -31,7 +31,7 @@ AGREEMENT_LEVEL = Level(6, 1.2)
 LOOK_AROUND = Level(12, 5.0, 150)
 """For choosing among poses of which none is near: wide, and with few samples."""
 _CLOUD_LEVELS, _FINE_LEVELS = WIDE_LEVELS[1:], (Level(8, 2.0, 400), Level(5, 1.0, 600))
-# How many standard deviations from the middle of a cloud its rim begins, over all six directions.
+# Standard deviations from the middle of a cloud to its rim: the rms distance of its poses, over all six directions.
 _RIM = 2.45
 _RING = 8
 # No part turns more from one frame to the next; nor does it move by its own size.

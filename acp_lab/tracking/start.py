@@ -3,10 +3,11 @@
 A start pose is trusted when the frame agrees with it nearly as well as with the pose that the solver would rather
 have, and the two lie within a pixel or so: then the difference is the edges' own offset, not an error of the pose,
 and the offsets can be measured. They may lie somewhat further apart where the frame agrees with both equally: what
-the image cannot tell, whoever gave the pose can. And nothing in a cloud of poses around it may agree clearly better:
-from a poor start the solver can end as far from the part as it began. Otherwise the best of that cloud wins, and its
-pose is weighed against the given one (`weighed_start`), as it is where the frame agrees with both well, but they lie
-apart: half a degree off, a start is good enough to tell which edges are the part's, not where they lie.
+the image cannot tell, whoever gave the pose can. And nothing in a cloud of poses around it, or in the wider ones
+that are searched from there (`search.search_on`), may agree clearly better: from a poor start the solver can end as far
+from the part as it began. Otherwise the best of those clouds wins, and its pose is weighed against the given one
+(`weighed_start`), as it is where the frame agrees with both well, but they lie apart: half a degree off, a start is
+good enough to tell which edges are the part's, not where they lie.
 """
 
 from __future__ import annotations
@@ -119,7 +120,9 @@ def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart,
         # A frame agrees with a start that is far off by chance; that says nothing of how far.
         pose = weighed_start(view, found.cam_T_obj, matches, bias_mm, ratio if there is seen else None)
     # Where the search left the image, stay with what the given pose led to.
-    looked = solver.look_at(there, there.view.at_pose(pose), LOOK_LEVEL, clock) or solved
+    looked = solver.look_at(there, there.view.at_pose(pose), LOOK_LEVEL, clock)
+    if looked is None:
+        there, looked = seen, solved
     return Started(there, replace(looked, steps=steps), trusted, trusted or config.measures)
 
 
