@@ -73,12 +73,14 @@ class Finder:
         """Make the templates now instead of at the first frame."""
         self.detector.prepare()
 
-    def find(self, frame: Frame, top: int = 3, prior: PosePrior | None = None) -> tuple[Detection, ...]:
+    def find(
+        self, frame: Frame, top: int = 3, prior: PosePrior | None = None, rival: FloatArray | None = None
+    ) -> tuple[Detection, ...]:
         """Up to `top` hypotheses that differ, the best first; () when nothing resembles the part.
 
-        prior: looks near a pose only.
+        prior: looks near a pose only. rival: (4, 4) a pose that competes with what is found, as it is.
         """
-        return finish(self.search(frame, top, prior))
+        return finish(self.search(frame, top, prior, rival=rival))
 
     def search(
         self,
@@ -156,6 +158,21 @@ class Finder:
             if not self.is_same(candidate.cam_T_obj, (one.cam_T_obj for one in kept)):
                 kept.append(candidate)
         return kept
+
+
+class LateFinder:
+    """The finder of a part, made when it is first asked for: some ten milliseconds, if views are stored."""
+
+    def __init__(self, model: PreparedPart) -> None:
+        self._model = model
+        self._finder: Finder | None = None
+
+    def __call__(self) -> Finder:
+        """Ready to search; PreparationError when the part has neither templates nor visibility networks."""
+        if self._finder is None:
+            self._finder = Finder(self._model)
+            self._finder.prepare()
+        return self._finder
 
 
 def _halved(frame: Frame) -> Frame:

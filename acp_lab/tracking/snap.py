@@ -5,6 +5,7 @@ each within 5 px of their places leave depth off by 6% and more. So a cloud of p
 looked at, quickly and with few samples; the solver runs from those that agree best, coarse to fine; and the
 best of these is refined on every visible sample. From a start that is farther off, the search of a tracker's first
 frame goes on from the rim of its cloud (`search.search_on`); where that ends counts if the frame agrees with it better.
+And the detector is asked whether the part is elsewhere (`second_opinion`), if the part's views are stored.
 The same start gives the same result.
 """
 
@@ -23,10 +24,13 @@ from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.confidence import Confidence
+from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import AGREEMENT_LEVEL, LOOK_AROUND, WIDE_LEVELS, Look, SearchPlan, search_among, search_on
+from acp_lab.tracking.second_opinion import Question, second_opinion
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import TrustedStart
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -125,7 +129,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
             f"{model.part.name}: at t = {np.round(start[:3, 3], 1).tolist()} mm the part is not seen in frame "
             f"{frame.index} ({frame.camera.width}x{frame.camera.height}); move the start onto it"
         )
-    there, best = found
+    there, best = _asked_again(model, solver, look, frame, start, found[1], config) or found
     quality = Confidence().of(best)
     before, after = (
         _agreement(solver, at, pose, config.judge) for at, pose in ((seen, start), (there, best.cam_T_obj))
@@ -163,6 +167,23 @@ def _search(
         found += [] if refined is None else [(there, refined)]
     # The first of equals: around the start.
     return max(found, key=lambda one: _agreement(solver, one[0], one[1].cam_T_obj, config.judge), default=None)
+
+
+def _asked_again(
+    model: PreparedPart, solver: FrameSolver, look: Look, frame: Frame, start: FloatArray, best: Solution,
+    config: SnapConfig,
+) -> tuple[SeenFrame, Solution] | None:
+    """The best solution where the detector finds the part elsewhere; None where it does not, or was not prepared."""
+    opinion, found = FIRST_FRAME.second_opinion, best.cam_T_obj
+    if isinstance(opinion, Off) or model.views is None:
+        return None
+    question = Question(frame, look, start, found, FIRST_FRAME.cloud.reaches(start, found, solver.part))
+    elsewhere = second_opinion(question, solver, LateFinder(model)(), opinion, Confidence().of, Stopwatch())
+    seen = None if elsewhere is None else look(elsewhere)
+    if elsewhere is None or seen is None:
+        return None
+    refined = solver.solve(seen, seen.view.at_pose(elsewhere), Stopwatch(), config.last_levels)
+    return None if refined is None else (seen, refined)
 
 
 def _cloud(start: FloatArray, centre_obj: FloatArray, camera: Camera, config: SnapConfig) -> list[FloatArray]:

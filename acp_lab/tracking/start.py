@@ -12,19 +12,59 @@ good enough to tell which edges are the part's, not where they lie.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
+from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import AGREEMENT_LEVEL, Cloud, Look, PoseSolver, search_on
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.weighed_start import weighed_start
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """What contradicts a pose: a hypothesis with that score, so many times that of the pose."""
+
+    score: float
+    times: float
+
+
+@dataclass(frozen=True)
+class SecondOpinion:
+    """Configuration: where a start is not trusted the detector is asked, too, see `second_opinion`.
+
+    Attributes:
+        within_deg, depth_ratio, around_px: how far from the start pose it looks, see `PosePrior`.
+        near, far: what contradicts a pose found as near the start as a search around it reaches; one found beyond.
+    """
+
+    kind: ClassVar[str] = "detector"
+    within_deg: float = 40.0
+    depth_ratio: float = 1.15
+    around_px: float = 120.0
+    near: Contradiction = Contradiction(0.3, 20.0)
+    far: Contradiction = Contradiction(0.15, 3.0)
+
+    def __post_init__(self) -> None:
+        checks = (
+            ("within_deg", 0.0 < self.within_deg <= 180.0, self.within_deg, "degrees above 0, at most 180"),
+            ("depth_ratio", 1.0 <= self.depth_ratio <= 100.0, self.depth_ratio, "1 to 100"),
+            ("around_px", 0.0 <= self.around_px <= 1e4, self.around_px, "px from 0 to 10000"),
+            ("near.score", 0.0 <= self.near.score <= 1.0, self.near.score, "0 to 1"),
+            ("near.times", 1.0 <= self.near.times <= 1e6, self.near.times, "1 to 1e6"),
+            ("far.score", 0.0 <= self.far.score <= 1.0, self.far.score, "0 to 1"),
+            ("far.times", 1.0 <= self.far.times <= 1e6, self.far.times, "1 to 1e6"),
+        )
+        for name, good, value, wanted in checks:
+            if not good:
+                raise TrackingError(f"start.second_opinion.{name} = {value:g}: give {wanted}")
 
 
 @dataclass(frozen=True)
@@ -47,6 +87,7 @@ class TrustedStart:
         shift_share, poses, solved: of the cloud, see `search.Cloud`.
         clouds: how many are searched at most, wider ones where what was found lies at the rim, see `search.search_on`.
         surpassed: share of the best agreement in the clouds below which a start is not trusted.
+        second_opinion: of a start that is not trusted.
     """
 
     kind: ClassVar[str] = "trusted"
@@ -64,6 +105,7 @@ class TrustedStart:
     solved: int = 12
     clouds: int = 6
     surpassed: float = 0.7
+    second_opinion: SecondOpinion | Off = field(default_factory=SecondOpinion)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.bias_in_breaks <= 100.0:
@@ -91,13 +133,14 @@ class Started:
     """The solution of the first frame.
 
     seen: the frame around it. trusted: its pose is the given one, or near it. measures: offsets of edges can be
-    measured at it.
+    measured at it. note: what is said of it.
     """
 
     seen: SeenFrame
     solution: Solution
     trusted: bool
     measures: bool
+    note: str = ""
 
 
 def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart, clock: Stopwatch) -> Started | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.learning.knowledge import Off
@@ -28,10 +30,12 @@ from acp_lab.tracking.observer import Observer
 from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.recovery import Alternatives
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
+from acp_lab.tracking.search import Look
+from acp_lab.tracking.second_opinion import Question, second_opinion
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.sought import Sought
-from acp_lab.tracking.start import LOOK_LEVEL, Started, begin
+from acp_lab.tracking.start import LOOK_LEVEL, Started, TrustedStart, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tones import Tones
@@ -72,7 +76,8 @@ class Tracker:
         self._first: FirstFrame | None = None
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
         way_back = self.method.way_back
-        self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back)
+        self._finder = LateFinder(model)
+        self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back, self._finder)
         self._forget()
 
     @property
@@ -147,7 +152,8 @@ class Tracker:
         quality = self._quality(solution)
         note = self._states.begin(quality)
         if self._way_back is not None and self.model.views is not None:
-            self._way_back.prepare()
+            self._finder()  # before it is needed
+        note = "; ".join(filter(None, (started.note, note)))
         return self._result(frame, pose, solution, quality, clock, begin_s, note)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -260,9 +266,33 @@ class Tracker:
             def look(pose: FloatArray) -> SeenFrame | None:
                 return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
 
-            return begin(solver, look, seen, config, clock)
+            started = begin(solver, look, seen, config, clock)
+            if started is None or started.trusted:
+                return started
+            return self._asked_again(frame, look, seen.view.prior, started, config, clock)
         solution = self.solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
         return None if solution is None else Started(seen, solution, trusted=False, measures=False)
+
+    def _asked_again(
+        self, frame: Frame, look: Look, start: FloatArray, started: Started, config: TrustedStart, clock: Stopwatch
+    ) -> Started | None:
+        """What was begun with from a start pose (4, 4), or what the frame is begun with where the part is elsewhere."""
+        opinion, found = config.second_opinion, started.solution.cam_T_obj
+        # Without stored views a first frame would have to wait for them.
+        if isinstance(opinion, Off) or self.model.views is None:
+            return started
+        question = Question(frame, look, start, found, config.cloud.reaches(start, found, self.part))
+        elsewhere = second_opinion(question, self.solver, self._finder(), opinion, self._quality, clock)
+        if elsewhere is None:
+            return started
+        self.solver.forget()
+        for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
+            seen = look(pose)
+            again = None if seen is None else begin(self.solver, look, seen, config, clock)
+            if again is not None:
+                # Nobody gave that pose, or it was doubted: there is nothing to trust.
+                return replace(again, trusted=False, measures=config.measures, note=note)
+        return None
 
     def _quality(self, solution: Solution) -> float:
         """In [0, 1], as it is reported."""

@@ -15,13 +15,13 @@ win against all that it finds.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from acp_lab.cad.part import box_corners
-from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Errand
 from acp_lab.geometry.arrays import FloatArray
@@ -94,15 +94,10 @@ class Verdict(Enum):
 class Reacquisition:
     """The search of one tracked part."""
 
-    def __init__(self, model: PreparedPart, config: WayBack) -> None:
-        self._model, self._config = model, config
-        self._finder: Finder | None = None
+    def __init__(self, model: PreparedPart, config: WayBack, finder: Callable[[], Finder]) -> None:
+        self._model, self._config, self._finder = model, config, finder
         self._corners_obj = box_corners(model.part)
         self.forget()
-
-    def prepare(self) -> None:
-        """Make the detector's templates before they are needed: some ten milliseconds, if views are stored."""
-        self._ready()
 
     def forget(self) -> None:
         """The part is not lost: the next search begins anew."""
@@ -162,14 +157,15 @@ class Reacquisition:
             looks = self._looks
             self.forget()
             self._looks, prior = looks, SECOND_LOOKS[looks].of(last_seen)
-            self._second = _Search(self._ready(), frame, 1, prior, rival=cam_T_obj)
+            self._second = _Search(self._finder(), frame, 1, prior, rival=cam_T_obj)
         search = self._second
         search.go_on(self._config.budget)
         if not search.is_done:
             return Verdict.OPEN
         best, self._second = next(iter(search.result or ()), None), None
         self._looks += 1
-        if best is not None and search.rival is not None and not self._ready().is_same(best.cam_T_obj, (search.rival,)):
+        rival = search.rival
+        if best is not None and rival is not None and not self._finder().is_same(best.cam_T_obj, (rival,)):
             if best.score >= _SURE_RIVAL:
                 self._best, self._searched, self._found = best, search.frame, (best,)
                 return Verdict.WRONG
@@ -199,14 +195,14 @@ class Reacquisition:
                 reach = WIDE[self._wide_searches % len(WIDE)]
                 self._wide_searches += 1
                 prior = None if reach is None else reach.of(last_seen)
-                self._wide = _Search(self._ready(), frame, most, prior, None)
+                self._wide = _Search(self._finder(), frame, most, prior, None)
             search, self._wide_frames = self._wide, self._wide_frames - 1
         else:
             if self._near is None:
                 around, self._around = self._around, None
                 near = NEAR.of(last_seen if around is None else around)
                 # Not aligned: the tracker does that in the frame in which it tries them.
-                self._near = _Search(self._ready(), frame, most, near, 0)
+                self._near = _Search(self._finder(), frame, most, near, 0)
             search = self._near
         budget = search.go_on(budget)
         self._prior, self._began = search.prior, True
@@ -221,9 +217,3 @@ class Reacquisition:
             self._wide = None
         # A search without anything to look at, such as for a part too small, costs nothing: not again in this frame.
         return budget if search.worked else 0.0
-
-    def _ready(self) -> Finder:
-        if self._finder is None:
-            self._finder = Finder(self._model, DetectionConfig())
-            self._finder.prepare()
-        return self._finder

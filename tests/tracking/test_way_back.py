@@ -14,7 +14,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.find import Detection
+from acp_lab.tracking.find import Detection, LateFinder
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import WayBack
@@ -66,9 +66,8 @@ class Searched:
 
 def searching(slices: int, score: float, budget: float) -> tuple[Reacquisition, Searched]:
     part = bracket(shift=(0.0, 0.0, 0.0))
-    way_back = Reacquisition(prepared(part), WayBack(budget=budget, proposals=1))
     finder = Searched(slices, score)
-    way_back._finder = finder  # type: ignore[assignment]
+    way_back = Reacquisition(prepared(part), WayBack(budget=budget, proposals=1), lambda: finder)  # type: ignore[arg-type]
     return way_back, finder
 
 
@@ -152,7 +151,7 @@ def test_a_part_too_small_to_be_looked_for_costs_no_time() -> None:
     small = Camera(64, 48, 30.0, 30.0, 31.5, 23.5)
     part = bracket(shift=(0.0, 0.0, 0.0))
     far = looking_at(part, np.array([0.8, 0.6, 1.0]), 2000.0, 0.3)
-    lost = Reacquisition(prepared(part), WayBack())
+    lost = Reacquisition(prepared(part), WayBack(), LateFinder(prepared(part)))
     assert lost.proposals(Frame(0, np.zeros((48, 64, 3), np.uint8), small), far) == []
 
 
@@ -161,7 +160,7 @@ def test_a_part_too_small_to_be_looked_for_costs_no_time() -> None:
 
 def test_what_is_back_where_it_was_or_fits_very_well_needs_no_second_look() -> None:
     part = bracket(shift=(0.0, 0.0, 0.0))
-    way_back = Reacquisition(prepared(part), WayBack())
+    way_back = Reacquisition(prepared(part), WayBack(), LateFinder(prepared(part)))
     last = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
     at = Frame(0, np.zeros((LARGE.height, LARGE.width, 3), np.uint8), LARGE)
     beside, turned = last.copy(), looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.9)

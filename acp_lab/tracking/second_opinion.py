@@ -1,0 +1,88 @@
+"""A second opinion on the first frame: does the detector find the part elsewhere?
+
+From a start pose that is far off, the search may end at a pose that looks like the right one, and goes on looking like
+it for as long as the part is tracked. The detector needs no pose: it searches the image around the start in its own
+way, and judges what it finds and the pose in question by its own evidence. Where it clearly prefers another one, the
+frame is solved from there, and that is taken where the tracker, too, holds it for the likelier one. A pose near the
+start has the start's word for it: it takes more to contradict that.
+(Not in the paper, whose sequences start from the truth.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from acp_lab.detection.pose_prior import PosePrior
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.find import Finder
+from acp_lab.tracking.search import Look, PoseSolver
+from acp_lab.tracking.solution import Solution
+from acp_lab.tracking.start import LOOK_LEVEL, SecondOpinion
+from acp_lab.tracking.stopwatch import Stopwatch
+
+# Of the detector, that differ: the pose in question is among them, unless it is next to impossible.
+_HYPOTHESES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """Is this the part?
+
+    Attributes:
+        frame, look: the first frame, and how it is looked at around a pose.
+        start, found: (4, 4) the given pose, and the one in question.
+        is_near: whether the two are no farther apart than a search around the start reaches.
+    """
+
+    frame: Frame
+    look: Look
+    start: FloatArray
+    found: FloatArray
+    is_near: bool
+
+
+def second_opinion(
+    question: Question,
+    solver: PoseSolver,
+    finder: Finder,
+    config: SecondOpinion,
+    confidence: Callable[[Solution], float],
+    clock: Stopwatch,
+) -> FloatArray | None:
+    """The pose (4, 4) where the part is instead; None where nothing speaks for another one than that in question.
+
+    confidence: in [0, 1], how likely the tracker holds a solution to be right.
+    """
+    clock.lap()
+    elsewhere = _contradiction(question, finder, config)
+    clock.search_s += clock.lap()
+    seen = None if elsewhere is None else question.look(elsewhere)
+    if elsewhere is None or seen is None:
+        return None
+    solved = solver.solve(seen, seen.view.at_pose(elsewhere), clock)
+    if solved is None:
+        return None
+
+    def likelihood(cam_T_obj: FloatArray) -> float:
+        there = question.look(cam_T_obj)
+        looked = None if there is None else solver.look_at(there, there.view.at_pose(cam_T_obj), LOOK_LEVEL, clock)
+        return 0.0 if looked is None else confidence(looked)
+
+    return solved.cam_T_obj if likelihood(solved.cam_T_obj) > likelihood(question.found) else None
+
+
+def _contradiction(question: Question, finder: Finder, config: SecondOpinion) -> FloatArray | None:
+    """The pose (4, 4) of the best hypothesis around the start, where it is another one and clearly likelier."""
+    needed = config.near if question.is_near else config.far
+    around = PosePrior(question.start, config.within_deg, config.depth_ratio, config.around_px)
+    own, best = 0.0, None
+    for one in finder.find(question.frame, _HYPOTHESES, around, rival=question.found):
+        if finder.is_same(one.cam_T_obj, (question.found,)):
+            own = max(own, one.score)
+        elif best is None:
+            best = one
+    if best is None or best.score < max(needed.score, needed.times * own):
+        return None
+    return best.cam_T_obj
