@@ -38,9 +38,18 @@ def path_tracer(scene: Scene, spp: int) -> PathTracer:
         import mitsuba as mi
     except ImportError:
         raise InputFileError("--path-traced needs Mitsuba: pip install -e '.[path-traced]'") from None
-    # The vectorised variant is faster, but an LLVM that is too old for it ends the process: only where one is named.
-    mi.set_variant("llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb")
+    mi.set_variant(_fastest_variant())
     return PathTracer(mi, scene, spp)
+
+
+def _fastest_variant() -> str:
+    """Of Mitsuba's variants that can run here."""
+    import drjit
+
+    if drjit.has_backend(drjit.JitBackend.CUDA):
+        return "cuda_ad_rgb"
+    # The vectorised variant is faster, but an LLVM that is too old for it ends the process: only where one is named.
+    return "llvm_ad_rgb" if os.environ.get("DRJIT_LIBLLVM_PATH") else "scalar_rgb"
 
 
 class PathTracer:

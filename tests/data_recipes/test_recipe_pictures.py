@@ -88,7 +88,7 @@ def test_pixels_of_the_path_tracer_look_where_those_of_the_camera_do(scene: Scen
     sensor = mi.load_dict(path_tracer(scene, 16)._sensor(world_T_cam))
     pixels = np.array([[0.0, 0.0], [95.0, 3.0], [40.0, 79.0], [camera.cx, camera.cy]])
     film = (pixels + 0.5) / (camera.width, camera.height)
-    looked = np.array([sensor.sample_ray(0.0, 0.5, place.tolist(), [0.5, 0.5])[0].d for place in film])
+    looked = np.array([np.ravel(sensor.sample_ray(0.0, 0.5, place.tolist(), [0.5, 0.5])[0].d) for place in film])
     rays = camera.rays(pixels) @ world_T_cam[:3, :3].T
     np.testing.assert_allclose(looked, rays / np.linalg.norm(rays, axis=1)[:, None], atol=1e-5)
 
