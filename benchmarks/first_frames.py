@@ -25,6 +25,7 @@ from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
+from acp_lab.tracking.learning.knowledge import Off  # noqa: E402
 from acp_lab.tracking.method import METHODS, Method, method_named  # noqa: E402
 from acp_lab.tracking.start import TrustedStart  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
@@ -32,7 +33,7 @@ from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
 
-OFF = (0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0)
+OFF = (0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0)
 """Degrees and mm."""
 EVERY = 10
 UNIT = {
@@ -66,6 +67,7 @@ def main() -> None:
     parser.add_argument("--split", choices=SPLITS, default="all")
     parser.add_argument("--method", choices=sorted(METHODS), default="acp")
     parser.add_argument("--clouds", type=int, help="search at most so many, not as many as the method does")
+    parser.add_argument("--alone", action="store_true", help="without the detector's second opinion")
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
     method, begun = method_named(args.method), list[Begun]()
@@ -73,6 +75,10 @@ def main() -> None:
         if not isinstance(method.start, TrustedStart) or args.clouds < 1:
             parser.error(f"--clouds {args.clouds}: give 1 or more, and a method that searches its first frame")
         method = replace(method, start=replace(method.start, clouds=args.clouds))
+    if args.alone:
+        if not isinstance(method.start, TrustedStart):
+            parser.error(f"--alone: {args.method} asks nobody anyway")
+        method = replace(method, start=replace(method.start, second_opinion=Off()))
     for root in args.datasets:
         for scene_id in BopDataset(root).scenes():
             scene = BopDataset(root).open_scene(scene_id)
@@ -84,7 +90,8 @@ def main() -> None:
         print(off, {field: round(value, 3) for field, value in row.items()})
     if args.record:
         clouds = "" if args.clouds is None else f", at most so many clouds: {args.clouds}"
-        about = f"first frames of {args.method}, begun from poses that are off, parts for {args.split}{clouds}"
+        alone = ", without a second opinion" if args.alone else ""
+        about = f"first frames of {args.method}, begun from poses that are off, parts for {args.split}{clouds}{alone}"
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"first_frames.{args.record}", about, UNIT, names, rows)
 

@@ -163,14 +163,14 @@ def print_comparison(first: str, second: str, runs: list[Run]) -> None:
         print(f"| {data} ({count}) | {order} | {start} | " + " | ".join([*cells, lost]) + " |")
 
 
-def keep(method: str, runs: list[Run], split: str) -> None:
+def keep(method: str, runs: list[Run], split: str, key: str) -> None:
     """Store the groups of one method in the file of measured numbers."""
     from benchmarks.measured import record
 
     values = {", ".join(group): summary(members) for group, members in grouped(runs).items()}
     sequences = len({run.sequence for run in runs})
     about = f"{method} by data, order of frames and start; no resets, frames below 30% visibility left out"
-    record(f"robustness.{method}.{split}", about, UNITS, f"{sequences} sequences, parts for {split}", values)
+    record(f"robustness.{method}.{key}", about, UNITS, f"{sequences} sequences, parts for {split}", values)
 
 
 def _some_of(names: Iterable[str]) -> Callable[[str], list[str]]:
@@ -199,6 +199,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="directions of each disturbed start")
     parser.add_argument("--jobs", type=int, default=1, help="processes, one thread each")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
+    parser.add_argument("--key", help="what the record is called (default: as the split)")
     options = parser.parse_args()
     if not options.methods and not options.config:
         options.methods = ["acp"]
@@ -225,7 +226,7 @@ def main() -> None:
         print_summary(method, own)
         print_sequences(method, own)
         if options.record and method in ran:
-            keep(method, own, options.split)
+            keep(method, own, options.split, options.key or options.split)
     if len(methods) == 2:
         first, second = reversed(methods) if options.against else methods
         print_comparison(first, second, runs)

@@ -89,7 +89,7 @@ def unlabelled_runs(model: PreparedPart) -> dict[str, TrackRun]:
     """Three runs over the sample, each spoilt in one way; model: the sample part, prepared."""
     scene, part = sample_scene(), model.part
     start = scene.first_pose
-    far = disturb_pose(start, part.box_centre, 90.0, 5.0, np.random.default_rng(0))
+    far = disturb_pose(start, part.box_centre, 150.0, 5.0, np.random.default_rng(1))
     runs = (
         Tracker(model).run(AlteredSequence(scene, _strip), start),
         Tracker(model).run(AlteredSequence(scene, _short_lens), start),

@@ -73,7 +73,7 @@ def test_the_runs_show_what_the_hints_say() -> None:
     assert quality["B"][0] == pytest.approx(quality["A"][0], abs=0.05)
     part, truth = sample_model().part, sample_scene().truth
     for result in runs["C"]:
-        assert result.state is TrackState.TRACKING
+        assert result.state is not TrackState.LOST
         assert add_mm(part.vertices, result.cam_T_obj, truth(result.frame_id, 1)) > 0.15 * part.diameter
 
 
