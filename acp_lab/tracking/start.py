@@ -40,6 +40,8 @@ class Contradiction:
 class SecondOpinion:
     """Configuration: where a start is not trusted the detector is asked, too, see `second_opinion`.
 
+    Not of parts whose views are not stored (prepared by an earlier version): a first frame would have to wait for them.
+
     Attributes:
         within_deg, depth_ratio, around_px: how far from the start pose it looks, see `PosePrior`.
         near, far: what contradicts a pose found as near the start as a search around it reaches; one found beyond.

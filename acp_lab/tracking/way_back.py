@@ -92,7 +92,7 @@ class Verdict(Enum):
 
 
 class Reacquisition:
-    """The search of one tracked part."""
+    """The search of one tracked part; finder: gives the detector, when it is needed."""
 
     def __init__(self, model: PreparedPart, config: WayBack, finder: Callable[[], Finder]) -> None:
         self._model, self._config, self._finder = model, config, finder
