@@ -71,14 +71,16 @@ def main() -> None:
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
     method, begun = method_named(args.method), list[Begun]()
+    start = method.start
     if args.clouds is not None:
-        if not isinstance(method.start, TrustedStart) or args.clouds < 1:
+        if not isinstance(start, TrustedStart) or args.clouds < 1:
             parser.error(f"--clouds {args.clouds}: give 1 or more, and a method that searches its first frame")
-        method = replace(method, start=replace(method.start, clouds=args.clouds))
+        start = replace(start, clouds=args.clouds)
     if args.alone:
-        if not isinstance(method.start, TrustedStart):
+        if not isinstance(start, TrustedStart):
             parser.error(f"--alone: {args.method} asks nobody anyway")
-        method = replace(method, start=replace(method.start, second_opinion=Off()))
+        start = replace(start, second_opinion=Off())
+    method = replace(method, start=start)
     for root in args.datasets:
         for scene_id in BopDataset(root).scenes():
             scene = BopDataset(root).open_scene(scene_id)

@@ -17,9 +17,10 @@ from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Finder
+from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.search import Look, PoseSolver
 from acp_lab.tracking.solution import Solution
-from acp_lab.tracking.start import LOOK_LEVEL, SecondOpinion
+from acp_lab.tracking.start import LOOK_LEVEL, Contradiction, SecondOpinion, TrustedStart
 from acp_lab.tracking.stopwatch import Stopwatch
 
 # Of the detector, that differ: the pose in question is among them, unless it is next to impossible.
@@ -32,31 +33,34 @@ class Question:
 
     Attributes:
         frame, look: the first frame, and how it is looked at around a pose.
-        start, found: (4, 4) the given pose, and the one in question.
-        is_near: whether the two are no farther apart than a search around the start reaches.
+        start, found: (4, 4) mm, the given pose, and the one in question.
     """
 
     frame: Frame
     look: Look
     start: FloatArray
     found: FloatArray
-    is_near: bool
 
 
 def second_opinion(
     question: Question,
     solver: PoseSolver,
     finder: Finder,
-    config: SecondOpinion,
+    config: TrustedStart,
     confidence: Callable[[Solution], float],
     clock: Stopwatch,
 ) -> FloatArray | None:
-    """The pose (4, 4) where the part is instead; None where nothing speaks for another one than that in question.
+    """The pose (4, 4) mm where the part is instead; None where nothing speaks for another one than that in question.
 
-    confidence: in [0, 1], how likely the tracker holds a solution to be right.
+    config: of the first frame; nobody is asked where its second opinion is off. confidence: in [0, 1], how likely the
+    tracker holds a solution to be right.
     """
+    opinion = config.second_opinion
+    if isinstance(opinion, Off):
+        return None
     clock.lap()
-    elsewhere = _contradiction(question, finder, config)
+    is_near = config.cloud.reaches(question.start, question.found, solver.part)
+    elsewhere = _contradiction(question, finder, opinion, opinion.near if is_near else opinion.far)
     clock.search_s += clock.lap()
     seen = None if elsewhere is None else question.look(elsewhere)
     if elsewhere is None or seen is None:
@@ -65,17 +69,18 @@ def second_opinion(
     if solved is None:
         return None
 
-    def likelihood(cam_T_obj: FloatArray) -> float:
+    def confidence_at(cam_T_obj: FloatArray) -> float:
         there = question.look(cam_T_obj)
         looked = None if there is None else solver.look_at(there, there.view.at_pose(cam_T_obj), LOOK_LEVEL, clock)
         return 0.0 if looked is None else confidence(looked)
 
-    return solved.cam_T_obj if likelihood(solved.cam_T_obj) > likelihood(question.found) else None
+    return solved.cam_T_obj if confidence_at(solved.cam_T_obj) > confidence_at(question.found) else None
 
 
-def _contradiction(question: Question, finder: Finder, config: SecondOpinion) -> FloatArray | None:
+def _contradiction(
+    question: Question, finder: Finder, config: SecondOpinion, needed: Contradiction
+) -> FloatArray | None:
     """The pose (4, 4) of the best hypothesis around the start, where it is another one and clearly likelier."""
-    needed = config.near if question.is_near else config.far
     around = PosePrior(question.start, config.within_deg, config.depth_ratio, config.around_px)
     own, best = 0.0, None
     for one in finder.find(question.frame, _HYPOTHESES, around, rival=question.found):

@@ -24,9 +24,8 @@ from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.confidence import Confidence
-from acp_lab.tracking.find import LateFinder
+from acp_lab.tracking.find import Finder
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import AGREEMENT_LEVEL, LOOK_AROUND, WIDE_LEVELS, Look, SearchPlan, search_among, search_on
@@ -174,11 +173,10 @@ def _asked_again(
     config: SnapConfig,
 ) -> tuple[SeenFrame, Solution] | None:
     """The best solution where the detector finds the part elsewhere; None where it does not, or was not prepared."""
-    opinion, found = FIRST_FRAME.second_opinion, best.cam_T_obj
-    if isinstance(opinion, Off) or model.views is None:
+    if model.views is None:
         return None
-    question = Question(frame, look, start, found, FIRST_FRAME.cloud.reaches(start, found, solver.part))
-    elsewhere = second_opinion(question, solver, LateFinder(model)(), opinion, Confidence().of, Stopwatch())
+    question = Question(frame, look, start, best.cam_T_obj)
+    elsewhere = second_opinion(question, solver, Finder(model), FIRST_FRAME, Confidence().of, Stopwatch())
     seen = None if elsewhere is None else look(elsewhere)
     if elsewhere is None or seen is None:
         return None

@@ -277,12 +277,11 @@ class Tracker:
         self, frame: Frame, look: Look, start: FloatArray, started: Started, config: TrustedStart, clock: Stopwatch
     ) -> Started | None:
         """What was begun with from a start pose (4, 4), or what the frame is begun with where the part is elsewhere."""
-        opinion, found = config.second_opinion, started.solution.cam_T_obj
         # Without stored views a first frame would have to wait for them.
-        if isinstance(opinion, Off) or self.model.views is None:
+        if self.model.views is None:
             return started
-        question = Question(frame, look, start, found, config.cloud.reaches(start, found, self.part))
-        elsewhere = second_opinion(question, self.solver, self._finder(), opinion, self._quality, clock)
+        question = Question(frame, look, start, started.solution.cam_T_obj)
+        elsewhere = second_opinion(question, self.solver, self._finder(), config, self._quality, clock)
         if elsewhere is None:
             return started
         self.solver.forget()

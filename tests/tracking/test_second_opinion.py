@@ -138,8 +138,9 @@ def test_more_is_asked_of_what_contradicts_a_pose_near_the_start(
         def held(solution: Solution) -> float:
             return solution.quality if confidence is None else confidence
 
-        config = SecondOpinion(near=Contradiction(0.3, 20.0), far=Contradiction(0.15, 3.0))
-        question = Question(frame, look, wrong, wrong, is_near)
+        opinion = SecondOpinion(near=Contradiction(0.3, 20.0), far=Contradiction(0.15, 3.0))
+        config = replace(ACP.start, second_opinion=opinion)
+        question = Question(frame, look, wrong if is_near else truth, wrong)
         return second_opinion(question, solver, finder, config, held, Stopwatch())  # type: ignore[arg-type]
 
     elsewhere = asked(None)
