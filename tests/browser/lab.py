@@ -172,7 +172,8 @@ class Lab:
     def until(self, condition: str, state: str = "None") -> None:
         """Wait until a Python expression in the kernel is true; AssertionError with `state` when it never is.
 
-        A hand is quicker than the kernel: what it did last may still be on its way.
+        A hand is quicker than the kernel: what it did last may still be on its way. What the page shows comes later
+        still, and is waited for with the locator that has the text.
         """
         for _ in range(300):
             if self.value(f"bool({condition})"):

@@ -50,7 +50,7 @@ def test_editor_on_any_image(lab: Lab) -> None:
     panel = lab.open("editor", IMPORTS, EDITORS)
     for number, name in enumerate(("empty", "grey", "large", "tall")):
         canvas = panel.locator(".acp-canvas").nth(number)
-        assert canvas.locator(".acp-title").inner_text() == name
+        canvas.locator(".acp-title", has_text=name).wait_for()
         target = (30.0, 45.0) if name != "large" else (300.0, 200.0)
         lab.pull(canvas.locator(".acp-ring").nth(0), canvas, target)
         lab.until(f"np.abs(editors['{name}'].settled[0] - {target}).max() < 1.5", f"editors['{name}'].settled")
@@ -113,7 +113,8 @@ def test_a_folded_quad_is_red_and_told_in_both_themes(lab: Lab) -> None:
     good = canvas.locator(".acp-outline").evaluate("(node) => getComputedStyle(node).stroke")
     lab.pull(canvas.locator(".acp-ring").nth(0), canvas, (430.0, 300.0))
     canvas.locator(".acp-status[role=alert]", has_text="folded").wait_for()
-    assert canvas.locator(".acp-outline").evaluate("(node) => getComputedStyle(node).stroke") != good
+    outline = canvas.locator(".acp-outline").element_handle()
+    lab.page.wait_for_function("([node, good]) => getComputedStyle(node).stroke !== good", arg=[outline, good])
     for dark in (False, True):
         lab.theme(dark)
         contrast = canvas.locator(".acp-status").evaluate(CONTRAST)
@@ -133,7 +134,7 @@ def test_explorer_panels_follow_the_hand(lab: Lab) -> None:
     lab.until("explorer.study.misfit_px < 1e-6")
     told = panel.locator(".acp-canvas").nth(1).locator(".acp-status")
     lab.page.wait_for_function("(node) => /Chamfer [1-9]/.test(node.innerText)", arg=told.element_handle())
-    assert "rigid by construction" in panel.locator(".acp-canvas").nth(3).locator(".acp-status").inner_text()
+    panel.locator(".acp-canvas").nth(3).locator(".acp-status", has_text="rigid by construction").wait_for()
     lab.shot("explorer_light")
     lab.theme(True)
     lab.shot("explorer_dark")
@@ -269,7 +270,7 @@ player"""
     before = lab.value("player.frame")
     lab.page.keyboard.press("ArrowRight")
     lab.until(f"player.frame == {before} + 1", "player.frame")
-    assert f"image {before + 1}" in panel.locator(".acp-canvas .acp-title").inner_text()
+    panel.locator(".acp-canvas .acp-title", has_text=f"image {before + 1}").wait_for()
     panel.get_by_text("follow the part").click()
     panel.get_by_role("button", name="repeat").click()
     lab.until("player.canvas.repeat")
@@ -309,7 +310,7 @@ film"""
     panel = lab.open("film", IMPORTS, cell)
     panel.get_by_role("button", name="play").click()
     lab.until("film.heard > 2 and film.frame == 39", "[film.heard, film.frame]")
-    assert panel.locator(".acp-canvas .acp-title").inner_text() == "number 39"
+    panel.locator(".acp-canvas .acp-title", has_text="number 39").wait_for()
     panel.locator(".acp-film .acp-slider").fill("3")
     panel.locator(".acp-canvas .acp-status", has_text="a fault").wait_for()
 
