@@ -72,6 +72,7 @@ def without() -> dict[str, Method]:
         "offsets that follow": replace(ACP, learning=SampleLearning(offsets=OffsetConfig(follow_rate=0.0))),
         "reliability": replace(ACP, learning=SampleLearning(reliability=Off())),
         "shifts to the bright side": replace(ACP, learning=SampleLearning(polarity=Off())),
+        "shared image edges": replace(ACP, targets=(replace(edges, sharing=Off()), *others)),
         "linear light": replace(ACP, targets=(replace(edges, search=replace(edges.search, gamma=1.0)), *others)),
         "the trusted start": replace(ACP, start=Off()),
         "alternatives": replace(ACP, recovery=Off()),

@@ -250,7 +250,7 @@ ACP_EDGES = replace(
     ACP,
     name="acp-edges",
     summary="edges alone, searched along normals: acp without regions, profiles, motion prior and sight",
-    targets=(NormalSearch(plain_share=0.0),),
+    targets=(NormalSearch(plain_share=0.0, sharing=Off()),),
     priors=(ControlPointDamping(),),
     solver=GaussNewton(steps=3, damping=0.0),
     prediction=ConstantVelocityPrediction(),

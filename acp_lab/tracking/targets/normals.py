@@ -20,10 +20,11 @@ from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView
-from acp_lab.tracking.learning.knowledge import Matches, SampleKnowledge
+from acp_lab.tracking.learning.knowledge import Matches, Off, SampleKnowledge
 from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_precision
+from acp_lab.tracking.targets.shared_edges import EdgeSharing
 from acp_lab.tracking.targets.soft_assignment import Assignment, mixture_loss, robust_loss, soft_assignment
 
 # The search has whole pixels; a narrower capture range would only pick among their rounding errors.
@@ -47,6 +48,7 @@ class NormalSearch:
         plain_share: how much of the score by which poses are compared leaves out what the memory says.
         precision: information of an edge point of full weight, per squared px; how much this measure counts beside
             others and beside a motion prior.
+        sharing: how an image edge is shared out among the samples that may own it, where they are remembered.
     """
 
     kind: ClassVar[str] = "normals"
@@ -57,6 +59,7 @@ class NormalSearch:
     min_score: float = 0.02
     plain_share: float = 0.3
     precision: float = 6.0
+    sharing: EdgeSharing | Off = field(default_factory=EdgeSharing)
 
     def __post_init__(self) -> None:
         check_precision(self.precision)
@@ -148,8 +151,21 @@ class NormalMeasure:
             offsets, self.candidates.gradients, scores, plain(edges.weights), edges.outline,
             expected_px, knowledge.shift_px, config.min_score, self.scores, self.targets,
         )  # fmt: skip
+        if use_memory:
+            self._share_out(offsets, level)
         trust = knowledge.trust(edges, self.expected, self.sigma_px)
         self.trust: FloatArray = np.ones(len(edges)) if trust is None else trust
+
+    def _share_out(self, offsets: FloatArray, level: Level) -> None:
+        """Leave each sample its share of its candidates at offsets (n, m) px, where any sample is known."""
+        sharing, memory, ids = self._target.config.sharing, self.knowledge.memory, self.edges.sample_ids
+        if isinstance(sharing, Off) or memory is None or not (known := memory.known[ids]).any():
+            return
+        jacobian = self.at.lines(self.points_obj, self.normals).jacobian
+        information = self.at.view.prior_information
+        self.scores = sharing.share_out(
+            self.scores, offsets, self.points, self.normals, known, level, jacobian, information
+        )
 
     @property
     def knowledge(self) -> SampleKnowledge:

@@ -385,3 +385,23 @@ def test_distances_and_residuals_are_what_their_slow_twins_say(rng: np.random.Ge
     np.testing.assert_allclose(distances, targets - moved_px[:, None], rtol=1e-12, atol=1e-15)
     _residuals(distances, best, found, 0.3, residuals)
     np.testing.assert_array_equal(residuals, np.where(found > 0.3, distances[np.arange(30), best], np.nan))
+
+
+def test_image_edges_are_shared_out_once_samples_are_known(
+    model: PreparedPart, edges: GeneratedEdges, at: Estimate
+) -> None:
+    knowledge = SampleKnowledge(SampleLearning(), model)
+    sharing = target_of(at, NormalSearch(), knowledge)
+    alone = target_of(at, NormalSearch(sharing=Off()), knowledge)
+
+    def scores(target: NormalTarget, use_memory: bool = True) -> FloatArray:
+        return target.search(edges, at, LEVEL, use_memory).scores
+
+    np.testing.assert_array_equal(scores(sharing), scores(alone), "in a first frame nothing is known")
+    assert knowledge.memory is not None
+    candidates = target_of(at, NormalSearch(), knowledge).search(edges, at, LEVEL).candidates
+    every_second = np.where(np.arange(len(edges)) % 2 == 0, 0.0, np.nan)
+    knowledge.memory.learn(edges.sample_ids, candidates, candidates.scores.argmax(1), every_second)
+    assert (scores(sharing) <= scores(alone)).all()
+    assert (scores(sharing) < 0.9 * scores(alone)).any()
+    np.testing.assert_array_equal(scores(sharing, use_memory=False), scores(alone, use_memory=False))
