@@ -79,8 +79,7 @@ class EdgeSharing:
         if information is None:
             variances = np.full(len(points), self.spread_px**2 + self.unknown_px**2)
         else:
-            covariance = np.linalg.inv(information)
-            variances = self.spread_px**2 + np.einsum("ni,ij,nj->n", jacobian, covariance, jacobian, optimize=True)
+            variances = self.spread_px**2 + np.einsum("ni,ni->n", jacobian @ np.linalg.inv(information), jacobian)
         shared = np.empty_like(scores)
         _share_out(
             np.ascontiguousarray(points), np.ascontiguousarray(normals), known, self.newcomer,
