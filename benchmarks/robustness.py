@@ -173,7 +173,9 @@ def keep(method: str, runs: list[Run], split: str, key: str) -> None:
     record(f"robustness.{method}.{key}", about, UNITS, f"{sequences} sequences, parts for {split}", values)
 
 
-def _some_of(names: Iterable[str]) -> Callable[[str], list[str]]:
+def some_of(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """Type of a command-line option: some of these names, with commas between them."""
+
     def parse(text: str) -> list[str]:
         chosen = text.split(",")
         unknown = set(chosen) - set(names)
@@ -194,8 +196,8 @@ def main() -> None:
     parser.add_argument("--config", nargs="*", type=Path, default=[], metavar="FILE.toml", help="methods as TOML")
     parser.add_argument("--against", type=Path, metavar="FILE.jsonl", help="runs of an earlier state, to compare with")
     parser.add_argument("--split", choices=SPLITS, default="all", help="which half of the parts")
-    parser.add_argument("--orders", type=_some_of(ORDERS), default=list(ORDERS), help=f"of {','.join(ORDERS)}")
-    parser.add_argument("--starts", type=_some_of(STARTS), default=list(STARTS), help=f"of {','.join(STARTS)}: deg, mm")
+    parser.add_argument("--orders", type=some_of(ORDERS), default=list(ORDERS), help=f"of {','.join(ORDERS)}")
+    parser.add_argument("--starts", type=some_of(STARTS), default=list(STARTS), help=f"of {','.join(STARTS)}: deg, mm")
     parser.add_argument("--seeds", type=int, default=5, help="directions of each disturbed start")
     parser.add_argument("--jobs", type=int, default=1, help="processes, one thread each")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")

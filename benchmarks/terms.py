@@ -2,7 +2,7 @@
 
     python -m benchmarks.terms DATASET... --parts out/parts --results out/terms.jsonl --split checking --record checking
 
-Forwards and every second frame, from truth and from 5 degrees and 5 mm off (one direction each). Reported are the
+Forwards and every second frame, if not told otherwise, from truth and from 5 degrees and 5 mm off. Reported are the
 recalls of `acp`, and what is lost without each part: differences of recall with 95% bootstrap intervals over
 sequences, in percentage points, and runs that were lost. Runs are kept as `benchmarks.robustness` keeps them.
 """
@@ -26,13 +26,13 @@ from acp_lab.errors import AcpLabError  # noqa: E402
 from acp_lab.evaluation.bootstrap import bootstrap_mean  # noqa: E402
 from acp_lab.sequences.bop import BopDataset  # noqa: E402
 from benchmarks import measured  # noqa: E402
-from benchmarks.robustness import LIMITS, SPLITS, is_in_split, within  # noqa: E402
-from benchmarks.runs import Job, Run, complete, part_name  # noqa: E402
+from benchmarks.robustness import LIMITS, SPLITS, is_in_split, some_of, within  # noqa: E402
+from benchmarks.runs import ORDERS, Job, Run, complete, part_name  # noqa: E402
 
 if TYPE_CHECKING:
     from acp_lab.tracking.method import Method
 
-VARIANTS = (("forwards", "truth"), ("second", "truth"), ("forwards", "5"), ("second", "5"))
+STARTS = ("truth", "5")
 UNIT = {
     "@*": "share of frames with ADD (ADD-S) below 2, 5% of the diameter; without a part: the difference to all of acp",
     "lost": "runs with an ADD above 30% at any time",
@@ -90,26 +90,32 @@ def main() -> None:
     parser.add_argument("--results", type=Path, required=True, metavar="FILE.jsonl", help="runs: kept and taken up")
     parser.add_argument("--split", choices=SPLITS, default="all")
     parser.add_argument("--jobs", type=int, default=1, help="processes, one thread each")
+    parser.add_argument("--orders", type=some_of(ORDERS), default=["forwards", "second"], help=f"of {','.join(ORDERS)}")
+    parser.add_argument("--seeds", type=int, default=1, help="directions of each disturbed start")
+    parser.add_argument("--only", metavar="PART", help="switch off this one alone")
     parser.add_argument("--record", metavar="KEY")
     options = parser.parse_args()
-    jobs, runs = _jobs(options), list[Run]()
+    if options.only and options.only not in without():
+        parser.error(f"--only {options.only}: give one of {', '.join(without())}")
+    methods = {name: each for name, each in without().items() if options.only in (None, name) or name == "nothing"}
+    jobs, runs = _jobs(options, list(methods.values())), list[Run]()
     try:
         for run in complete(jobs, options.results, options.jobs):
             runs.append(run)
             print(f"\r{len(runs)} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
     except AcpLabError as error:
         parser.exit(2, f"error: {error}\n")
-    rows = {name: _row([run for run in runs if run.method == f"without {name}"], runs) for name in without()}
+    rows = {name: _row([run for run in runs if run.method == f"without {name}"], runs) for name in methods}
     print("\n\n| without | " + " | ".join(next(iter(rows.values()))) + " |")
     for name, row in rows.items():
         print(f"| {name} | " + " | ".join(f"{value:.3f}" for value in row.values()) + " |")
     if options.record:
         data = f"{len({run.sequence for run in runs})} sequences, parts for {options.split}"
-        about = "acp with one part switched off, over forwards and every second frame, from truth and 5 degrees, 5 mm"
+        about = f"acp with one part switched off, {', '.join(options.orders)}, from truth and 5 degrees, 5 mm"
         measured.record(f"terms.{options.record}", about, UNIT, data, rows)
 
 
-def _jobs(options: argparse.Namespace) -> list[Job]:
+def _jobs(options: argparse.Namespace, methods: list[Method]) -> list[Job]:
     """Scene by scene, since its frames are decoded once for all methods in a row."""
     found = []
     for root in options.datasets:
@@ -118,9 +124,11 @@ def _jobs(options: argparse.Namespace) -> list[Job]:
             for object_id in data.open_scene(scene_id).object_ids:
                 if is_in_split(part_name(data.root, object_id), options.split):
                     found += [
-                        Job(data.root, options.parts / data.name, scene_id, object_id, method, *variant, 0)
-                        for method in without().values()
-                        for variant in VARIANTS
+                        Job(data.root, options.parts / data.name, scene_id, object_id, method, order, start, seed)
+                        for method in methods
+                        for start in STARTS
+                        for seed in range(1 if start == "truth" else options.seeds)
+                        for order in options.orders
                     ]
     return found
 
@@ -129,7 +137,7 @@ def _row(runs: list[Run], every: list[Run]) -> dict[str, float]:
     """Recall of `acp` itself; of the others the difference, by start."""
     whole = [run for run in every if run.method == "without nothing"]
     row: dict[str, float] = {}
-    for start in dict.fromkeys(start for _, start in VARIANTS):
+    for start in STARTS:
         for name in ("@2", "@5"):
             found = _recalls(runs, start, LIMITS[name])
             if runs[0].method != "without nothing":
@@ -144,7 +152,7 @@ def _row(runs: list[Run], every: list[Run]) -> dict[str, float]:
 def _recalls(runs: list[Run], start: str, limit: float) -> dict[str, float]:
     """By sequence: mean of the recalls of its orders."""
     recalls: dict[str, list[float]] = {}
-    for order in ("forwards", "second"):
+    for order in dict.fromkeys(run.order for run in runs):
         for sequence, shares in within([r for r in runs if (r.start, r.order) == (start, order)], limit).items():
             recalls.setdefault(sequence, []).append(float(shares.mean()))
     return {sequence: sum(found) / len(found) for sequence, found in recalls.items()}
