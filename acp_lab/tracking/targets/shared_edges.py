@@ -111,26 +111,26 @@ def _share_out(
             if scores[i, k] != 0.0:
                 masses[i, k] = word * scores[i, k] * np.exp(narrow * offsets[i, k] * offsets[i, k])
     for a in range(count):
-        left = by_x[a]
-        for b in range(a + 1, count):
-            right = by_x[b]
-            dx, dy = points[right, 0] - points[left, 0], points[right, 1] - points[left, 1]
-            if dx > span_px:
-                break
-            if known[left] == known[right] and not (known[left] and known_share):
-                continue
-            cosine = normals[left, 0] * normals[right, 0] + normals[left, 1] * normals[right, 1]
-            if abs(dy) > span_px or abs(cosine) < _LEAST_COSINE:
-                continue
-            # Each of the two may claim an image edge of the other.
-            for i, j, x, y in ((left, right, dx, dy), (right, left, -dx, -dy)):
-                if not known[j] or (known[i] and not known_share):
+        i = by_x[a]
+        if known[i] and not known_share:
+            continue
+        for way in (-1, 1):
+            b = a + way
+            while 0 <= b < count:
+                j = by_x[b]
+                b += way
+                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                if abs(dx) > span_px:
+                    break
+                if not known[j] or abs(dy) > span_px:
                     continue
-                gap = x * normals[i, 0] + y * normals[i, 1]
-                side = x * normals[i, 1] - y * normals[i, 0]
-                if abs(gap) < apart_px or abs(side) > along_px:
+                cosine = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1]
+                gap, side = dx * normals[i, 0] + dy * normals[i, 1], dx * normals[i, 1] - dy * normals[i, 0]
+                if abs(cosine) < _LEAST_COSINE or abs(gap) < apart_px or abs(side) > along_px:
                     continue
                 for q in range(width):
+                    if masses[j, q] == 0.0:
+                        continue
                     place = gap + np.sign(cosine) * offsets[j, q]
                     for k in range(width):
                         if masses[j, q] > claims[i, k] and abs(place - offsets[i, k]) < same_px:
