@@ -117,7 +117,7 @@ def draw_memory(axes: Axes, observation: NormalMeasure, row: int, way_px: float)
     axes.vlines(offsets[shown], 0.0, alone[shown], color=UNKNOWN, linewidth=1.0)
     axes.plot(offsets[shown], alone[shown], "o", mfc="white", mec=UNKNOWN, label="contrast and direction")
     remembered = observation.scores[row]
-    axes.plot(offsets[shown], remembered[shown], "o", color=IMAGE, label="times what it remembers")
+    axes.plot(offsets[shown], remembered[shown], "o", color=IMAGE, label="remembered and shared")
     axes.axvline(0.0, color=GENERATED, linestyle="--", label="generated edge point")
     axes.axvline(way_px, color=TRUTH, linewidth=2.0, label="its true place")
     axes.set_ylim(0.0, 1.05)
