@@ -95,9 +95,11 @@ def main() -> None:
     parser.add_argument("--only", metavar="PART", help="switch off this one alone")
     parser.add_argument("--record", metavar="KEY")
     options = parser.parse_args()
-    if options.only and options.only not in without():
-        parser.error(f"--only {options.only}: give one of {', '.join(without())}")
-    methods = {name: each for name, each in without().items() if options.only in (None, name) or name == "nothing"}
+    methods = without()
+    if options.only is not None:
+        if options.only not in methods:
+            parser.error(f"--only {options.only}: give one of {', '.join(methods)}")
+        methods = {name: methods[name] for name in ("nothing", options.only)}
     jobs, runs = _jobs(options, list(methods.values())), list[Run]()
     try:
         for run in complete(jobs, options.results, options.jobs):

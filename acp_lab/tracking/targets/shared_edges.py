@@ -3,7 +3,7 @@
 Where two edges of the model run side by side a few px apart, a rim and the face behind it, both find the same image
 edge, and the one whose own edge shows no contrast pulls the pose away from the other. So an image edge counts for a
 sample only by the share that is its own: with s the candidate's score after the memory had its say, d its distance from
-where the sample is expected, v the variance of that, and c what the sample's word counts::
+where the sample is expected, v the variance of that, and c the weight of the sample::
 
     m = c s exp(-d^2 / (2 v)),      share = m / (m + the most that a known neighbour on another edge makes of it)
 
@@ -33,12 +33,12 @@ class EdgeSharing:
     """Configuration: an image edge counts for a sample by the share that is its own.
 
     Attributes:
-        newcomer: what the word of a sample counts that was never found before, beside 1 of the others.
+        newcomer: weight of a sample that was never found before; the others have 1.
         apart_px: samples nearer to each other across the edge than this are of one edge.
         along_px: how far along the edge a neighbour may be.
         same_px: candidates of two samples nearer to each other than this are one image edge.
-        spread_px: standard deviation of an edge's place where the pose is known; the pose's own is added.
-        unknown_px: added instead where nobody knows how sure the pose is.
+        spread_px: standard deviation of an edge's place where the pose is known; the variance that the expected pose
+            gives it is added. unknown_px: the standard deviation instead, where nobody knows how sure that pose is.
         known_from_sigma_px: at finer levels than this the known keep their edges, and only newcomers share.
     """
 
@@ -70,8 +70,8 @@ class EdgeSharing:
             points: (n, 2) px of the edge points; normals: (n, 2) unit.
             known: (n,) whether a sample was found before.
             level: at which the candidates were searched.
-            jacobian: (n, 6) px along the normals by a pose step.
-            information: (6, 6) of the pose that the points are drawn at, by the same step; None where unknown.
+            jacobian: (n, 6) px along the normals by a pose step (rad, mm) about the part's centre.
+            information: (6, 6) of the expected pose, by the same step, see `View`; None where nobody knows.
         """
         known_share = level.sigma_px >= self.known_from_sigma_px
         if not known_share and known.all():
@@ -106,10 +106,10 @@ def _share_out(
     count, width = scores.shape
     masses, claims = np.zeros(scores.shape), np.zeros(scores.shape)
     for i in range(count):
-        word, narrow = 1.0 if known[i] else newcomer, -0.5 / variances[i]
+        weight, narrow = 1.0 if known[i] else newcomer, -0.5 / variances[i]
         for k in range(width):
             if scores[i, k] != 0.0:
-                masses[i, k] = word * scores[i, k] * np.exp(narrow * offsets[i, k] * offsets[i, k])
+                masses[i, k] = weight * scores[i, k] * np.exp(narrow * offsets[i, k] * offsets[i, k])
     for a in range(count):
         i = by_x[a]
         if known[i] and not known_share:
