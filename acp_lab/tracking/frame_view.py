@@ -68,6 +68,12 @@ class View:
         return control_point_jacobian(transform(cam_T_obj, self.points_obj), centre_cam, self.camera)
 
     @cached_property
+    def prior_covariance(self) -> FloatArray | None:
+        """(6, 6) of a pose step (rad, mm) about the part's centre, away from the prior; None where nobody knows."""
+        information = self.prior_information
+        return None if information is None else np.asarray(np.linalg.inv(information), np.float64)
+
+    @cached_property
     def canonical(self) -> CanonicalFrame:
         """The canonical frame of the prior; GeometryError where its eye is inside the part's bounding sphere."""
         part, region = self.part, ALL_REGIONS[self.region]

@@ -237,7 +237,8 @@ class ContourOffsets:
     def move(self, traits: FloatArray) -> None:
         """What was measured lies elsewhere beside the CAD's edges when the part's traits (k,) are others by so much."""
         if self._sample_slopes is not None and self._cell_slopes is not None:
-            self._sample_sum += self._sample_slopes @ traits
+            # As one matrix: NumPy multiplies stacks of small ones ten times slower.
+            self._sample_sum += (self._sample_slopes.reshape(-1, len(traits)) @ traits).reshape(-1, 2)
             self._cell_sum += self._cell_slopes @ traits
 
 

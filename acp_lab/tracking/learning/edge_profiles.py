@@ -168,7 +168,7 @@ class ProfileNetwork:
         _rectify(hidden, first_bias)
         farther = _product(hidden, second)
         _rectify(farther, second_bias)
-        _answer(farther, last, last_bias, found)
+        _answer(farther, np.ascontiguousarray(last.T), last_bias, found)
         return found
 
 
@@ -383,12 +383,12 @@ def _rectify(units: Float32Array, bias: Float32Array) -> None:
 
 @kernel("void(f4[:, ::1], f4[:, ::1], f4[::1], f4[:, ::1])", fastmath=frozenset({"contract", "reassoc"}))
 def _answer(units: Float32Array, weights: Float32Array, bias: Float32Array, found: Float32Array) -> None:
-    """Fill found (k, n), see `ProfileNetwork.__call__`: units (k, m) times weights (m, n), plus bias (n,)."""
+    """Fill found (k, n), see `ProfileNetwork.__call__`: units (k, m) times weights (n, m) transposed, plus bias (n,)."""
     for k in range(len(units)):
         for i in range(len(bias)):
             total = bias[i]
             for j in range(units.shape[1]):
-                total += units[k, j] * weights[j, i]
+                total += units[k, j] * weights[i, j]
             found[k, i] = total
         found[k, 1] = min(max(found[k, 1], np.float32(LEAST_LOG_SPREAD)), np.float32(MOST_LOG_SPREAD))
 

@@ -162,9 +162,8 @@ class NormalMeasure:
         if isinstance(sharing, Off) or memory is None or not (known := memory.known[ids]).any():
             return
         jacobian = self.at.lines(self.points_obj, self.normals).jacobian
-        information = self.at.view.prior_information
         self.scores = sharing.share_out(
-            self.scores, offsets, self.points, self.normals, known, level, jacobian, information
+            self.scores, offsets, self.points, self.normals, known, level, jacobian, self.at.view.prior_covariance
         )
 
     @property

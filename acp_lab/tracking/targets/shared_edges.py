@@ -21,7 +21,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.tracking.schedule import Level
 
 # Model edges whose normals differ by more than the angle of this cosine do not claim the same image edge.
@@ -60,7 +60,7 @@ class EdgeSharing:
 
     def share_out(
         self, scores: FloatArray, offsets: FloatArray, points: FloatArray, normals: FloatArray, known: BoolArray,
-        level: Level, jacobian: FloatArray, information: FloatArray | None,
+        level: Level, jacobian: FloatArray, covariance: FloatArray | None,
     ) -> FloatArray:  # fmt: skip
         """(n, m) scores, less for candidates that rather belong to a neighbour.
 
@@ -71,71 +71,93 @@ class EdgeSharing:
             known: (n,) whether a sample was found before.
             level: at which the candidates were searched.
             jacobian: (n, 6) px along the normals by a pose step (rad, mm) about the part's centre.
-            information: (6, 6) of the expected pose, by the same step, see `View`; None where nobody knows.
+            covariance: (6, 6) of the expected pose, of the same step, see `View`; None where nobody knows.
         """
         known_share = level.sigma_px >= self.known_from_sigma_px
         if not known_share and known.all():
             return scores
-        if information is None:
-            variances = np.full(len(points), self.spread_px**2 + self.unknown_px**2)
-        else:
-            variances = self.spread_px**2 + np.einsum("ni,ni->n", jacobian @ np.linalg.inv(information), jacobian)
+        least = self.spread_px**2 + (self.unknown_px**2 if covariance is None else 0.0)
         shared = np.empty_like(scores)
         _share_out(
-            np.ascontiguousarray(points), np.ascontiguousarray(normals), known, self.newcomer,
-            known_share, variances, np.ascontiguousarray(offsets), scores, self.apart_px, self.along_px, self.same_px,
-            2.0 * level.reach_px, np.argsort(points[:, 0]), shared,
+            plain(points), plain(normals), known, self.newcomer, known_share, plain(jacobian),
+            _NONE_KNOWN if covariance is None else covariance, least, plain(offsets), scores, self.apart_px,
+            self.along_px, self.same_px, 2.0 * level.reach_px, np.argsort(points[:, 0]), shared,
         )  # fmt: skip
         return shared
 
 
+_NONE_KNOWN = np.zeros((6, 6))
+
+
 @kernel(
-    "void(f8[:, ::1], f8[:, ::1], b1[::1], f8, b1, f8[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8, f8, i8[::1],"
-    " f8[:, ::1])",
+    "void(f8[:, ::1], f8[:, ::1], b1[::1], f8, b1, f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[:, ::1], f8, f8, f8, f8,"
+    " i8[::1], f8[:, ::1])",
 )
 def _share_out(
     points: FloatArray, normals: FloatArray, known: BoolArray, newcomer: float, known_share: bool,
-    variances: FloatArray, offsets: FloatArray, scores: FloatArray, apart_px: float, along_px: float, same_px: float,
-    span_px: float, by_x: IntArray, shared: FloatArray,
+    jacobian: FloatArray, covariance: FloatArray, least_variance: float, offsets: FloatArray, scores: FloatArray,
+    apart_px: float, along_px: float, same_px: float, span_px: float, by_x: IntArray, shared: FloatArray,
 ) -> None:  # fmt: skip
     """Fill shared (n, m), see `EdgeSharing.share_out`.
 
-    known_share: whether the known share among themselves; variances: (n,) px^2; by_x: (n,) the points' order from left
-    to right; span_px: neighbours are no farther than this in x and y.
+    known_share: whether the known share among themselves; least_variance: px^2, where the pose is known; by_x: (n,) the
+    points' order from left to right; span_px: neighbours are no farther than this in x and y.
     """
     count, width = scores.shape
-    masses, claims = np.zeros(scores.shape), np.zeros(scores.shape)
-    for i in range(count):
-        weight, narrow = 1.0 if known[i] else newcomer, -0.5 / variances[i]
+    masses = np.zeros((count, width))
+    # Those who may claim from left to right, in rows of their own: x, y, normal.
+    rows, of, known_count = np.empty((4, count)), np.empty(count, np.int64), 0
+    for a in range(count):
+        i, found = by_x[a], False
+        for k in range(width):
+            found |= scores[i, k] != 0.0
+        if not found:
+            continue
+        variance = least_variance
+        for j in range(6):
+            for k in range(6):
+                variance += jacobian[i, j] * covariance[j, k] * jacobian[i, k]
+        weight, narrow = 1.0 if known[i] else newcomer, -0.5 / variance
         for k in range(width):
             if scores[i, k] != 0.0:
                 masses[i, k] = weight * scores[i, k] * np.exp(narrow * offsets[i, k] * offsets[i, k])
+        if known[i]:
+            rows[0, known_count], rows[1, known_count] = points[i, 0], points[i, 1]
+            rows[2, known_count], rows[3, known_count] = normals[i, 0], normals[i, 1]
+            of[known_count] = i
+            known_count += 1
+    claims, neighbours = np.empty(width), np.empty(count, np.int64)
+    first, last = 0, 0
     for a in range(count):
         i = by_x[a]
-        if known[i] and not known_share:
-            continue
-        for way in (-1, 1):
-            b = a + way
-            while 0 <= b < count:
-                j = by_x[b]
-                b += way
-                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-                if abs(dx) > span_px:
-                    break
-                if not known[j] or abs(dy) > span_px:
-                    continue
-                cosine = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1]
-                gap, side = dx * normals[i, 0] + dy * normals[i, 1], dx * normals[i, 1] - dy * normals[i, 0]
-                if abs(cosine) < _LEAST_COSINE or abs(gap) < apart_px or abs(side) > along_px:
-                    continue
+        claims[:] = 0.0
+        if not known[i] or known_share:
+            x, y, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
+            while first < known_count and rows[0, first] < x - span_px:
+                first += 1
+            while last < known_count and rows[0, last] <= x + span_px:
+                last += 1
+            # Without a branch: who is a neighbour no processor can foresee.
+            found_count = 0
+            for b in range(first, last):
+                dx, dy = rows[0, b] - x, rows[1, b] - y
+                gap, side = abs(dx * nx + dy * ny), abs(dx * ny - dy * nx)
+                cosine = abs(rows[2, b] * nx + rows[3, b] * ny)
+                neighbours[found_count] = b
+                found_count += (
+                    (abs(dy) <= span_px) & (cosine >= _LEAST_COSINE) & (gap >= apart_px) & (side <= along_px)
+                )
+            for b in neighbours[:found_count]:
+                j = of[b]
+                gap = (rows[0, b] - x) * nx + (rows[1, b] - y) * ny
+                sign = np.sign(rows[2, b] * nx + rows[3, b] * ny)
                 for q in range(width):
                     if masses[j, q] == 0.0:
                         continue
-                    place = gap + np.sign(cosine) * offsets[j, q]
+                    place = gap + sign * offsets[j, q]
                     for k in range(width):
-                        if masses[j, q] > claims[i, k] and abs(place - offsets[i, k]) < same_px:
-                            claims[i, k] = masses[j, q]
-    for i in range(count):
+                        if abs(place - offsets[i, k]) < same_px:
+                            claims[k] = max(claims[k], masses[j, q])
         for k in range(width):
-            both = masses[i, k] + claims[i, k]
-            shared[i, k] = scores[i, k] * masses[i, k] / both if claims[i, k] > 0.0 else scores[i, k]
+            both = masses[i, k] + claims[k]
+            shared[i, k] = scores[i, k] * masses[i, k] / both if claims[k] > 0.0 else scores[i, k]
