@@ -126,7 +126,7 @@ def _share_out(
             rows[2, known_count], rows[3, known_count] = normals[i, 0], normals[i, 1]
             of[known_count] = i
             known_count += 1
-    claims, neighbours = np.empty(width), np.empty(count, np.int64)
+    claims, neighbours, beside = np.empty(width), np.empty(count, np.int64), np.empty(count, np.bool_)
     first, last = 0, 0
     for a in range(count):
         i = by_x[a]
@@ -137,16 +137,17 @@ def _share_out(
                 first += 1
             while last < known_count and rows[0, last] <= x + span_px:
                 last += 1
-            # Without a branch: who is a neighbour no processor can foresee.
-            found_count = 0
-            for b in range(first, last):
-                dx, dy = rows[0, b] - x, rows[1, b] - y
+            # Without a branch, as no processor can foresee who is a neighbour; and several at once.
+            xs, ys, nxs, nys = rows[0, first:last], rows[1, first:last], rows[2, first:last], rows[3, first:last]
+            for b in range(len(xs)):
+                dx, dy = xs[b] - x, ys[b] - y
                 gap, side = abs(dx * nx + dy * ny), abs(dx * ny - dy * nx)
-                cosine = abs(rows[2, b] * nx + rows[3, b] * ny)
-                neighbours[found_count] = b
-                found_count += (
-                    (abs(dy) <= span_px) & (cosine >= _LEAST_COSINE) & (gap >= apart_px) & (side <= along_px)
-                )
+                cosine = abs(nxs[b] * nx + nys[b] * ny)
+                beside[b] = (abs(dy) <= span_px) & (cosine >= _LEAST_COSINE) & (gap >= apart_px) & (side <= along_px)
+            found_count = 0
+            for b in range(len(xs)):
+                neighbours[found_count] = first + b
+                found_count += beside[b]
             for b in neighbours[:found_count]:
                 j = of[b]
                 gap = (rows[0, b] - x) * nx + (rows[1, b] - y) * ny
