@@ -8,6 +8,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.normal_equations import add_up_rows
 from acp_lab.geometry.pose_kernels import eliminate, move, step_between
 
 _TINY = 1e-9
@@ -31,9 +32,8 @@ def add_up_pose(
     """
     sigma, outlier, precision = mixture[0], mixture[1], mixture[2]
     narrow = -0.5 / (sigma * sigma)
-    matrix[:] = 0.0
-    vector[:] = 0.0
-    sum_of_weights = 0.0
+    sum_of_weights, used = 0.0, 0
+    columns, weights, towards = np.empty((6, len(points_obj))), np.empty(len(points_obj)), np.empty(len(points_obj))
     for i in range(len(points_obj)):
         x, y, z = points_obj[i, 0], points_obj[i, 1], points_obj[i, 2]
         depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
@@ -55,14 +55,11 @@ def add_up_pose(
         if weight == 0.0 or not math.isfinite(pull):
             continue
         sum_of_weights += weight
+        weights[used], towards[used] = weight, pull
         for j in range(6):
-            vector[j] += rows[i, j] * pull
-            weighted = weight * rows[i, j]
-            for k in range(j + 1):
-                matrix[j, k] += weighted * rows[i, k]
-    for j in range(6):
-        for k in range(j):
-            matrix[k, j] = matrix[j, k]
+            columns[j, used] = rows[i, j]
+        used += 1
+    add_up_rows(columns, weights[:used], towards[:used], matrix, vector)
     return sum_of_weights
 
 

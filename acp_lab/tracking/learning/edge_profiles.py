@@ -421,8 +421,11 @@ def _spread_of_best(
     """Fill found (n,), see `ProfileShifts.spread_of_best`."""
     narrow = -0.5 / (sigma * sigma)
     for i in range(len(scores)):
-        best, found[i] = -1.0, 0.0
+        best, found[i] = 0.0, 0.0
         for m in range(scores.shape[1]):
+            # Most have no candidate, and an exponential takes its time.
+            if scores[i, m] <= best:
+                continue
             fit = scores[i, m] * np.exp(narrow * offsets[i, m] * offsets[i, m])
             if fit > best:
                 best, found[i] = fit, spreads[i, m]

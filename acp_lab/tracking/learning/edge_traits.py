@@ -18,6 +18,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import FloatArray, plain
+from acp_lab.geometry.normal_equations import add_up_rows, leave_rest
 from acp_lab.geometry.pose_kernels import eliminate
 
 FREEDOM = 3.0
@@ -106,39 +107,31 @@ def _agree(
     residuals_px: (n,) for a usual part; doubt: (6,) information about the pose step that there is beforehand; share:
     of an edge's own information that is new, as neighbours err alike. Edges scatter by Student's distribution.
     """
-    count = 6 + slopes_px.shape[1]
-    columns, found, rest = np.empty(count), np.zeros(count), np.empty((count, count))
-    edges = 0
-    for _ in range(_ROUNDS):
-        edges = 0
-        matrix[:], vector[:] = 0.0, 0.0
-        for k in range(6):
-            matrix[k, k] = doubt[k]
-        for i in range(len(residuals_px)):
-            spread = spreads_px[i]
-            if not abs(residuals_px[i]) < _FARTHEST_PX or not spread > 0.0:
-                continue
+    count, most, edges = 6 + slopes_px.shape[1], len(residuals_px), 0
+    rows, residuals, squares = np.empty((count, most)), np.empty(most), np.empty(most)
+    for i in range(most):
+        if abs(residuals_px[i]) < _FARTHEST_PX and spreads_px[i] > 0.0:
+            # Residual plus what traits move is what a pose step explains.
+            for k in range(count):
+                rows[k, edges] = jacobian[i, k] if k < 6 else -slopes_px[i, k - 6]
+            residuals[edges], squares[edges] = residuals_px[i], FREEDOM * spreads_px[i] * spreads_px[i]
             edges += 1
-            left = residuals_px[i]
-            for k in range(count):
-                # Residual plus what traits move is what a pose step explains.
-                columns[k] = jacobian[i, k] if k < 6 else -slopes_px[i, k - 6]
-                left -= columns[k] * found[k]
-            weight = share * (FREEDOM + 1.0) / (FREEDOM * spread * spread + left * left)
-            for k in range(count):
-                weighted = weight * columns[k]
-                vector[k] += weighted * residuals_px[i]
-                for j in range(k + 1):
-                    matrix[k, j] += weighted * columns[j]
-        for k in range(count):
-            for j in range(k):
-                matrix[j, k] = matrix[k, j]
+    found, matrix_and_prior = np.zeros(count), np.empty((count, count))
+    rest, weights, pulls = np.empty(edges), np.empty(edges), np.empty(edges)
+    for _ in range(_ROUNDS):
+        leave_rest(rows, residuals, found, rest)
+        for i in range(edges):
+            weights[i] = share * (FREEDOM + 1.0) / (squares[i] + rest[i] * rest[i])
+            pulls[i] = weights[i] * residuals[i]
+        add_up_rows(rows, weights, pulls, matrix, vector)
+        for k in range(6):
+            matrix[k, k] += doubt[k]
         # With what is known of traits beforehand, where the pose step and the traits go that fit best.
-        rest[:] = matrix
+        matrix_and_prior[:] = matrix
         found[:] = vector
         for k in range(6, count):
-            rest[k, k] += 1.0
-        if not eliminate(rest, found):
+            matrix_and_prior[k, k] += 1.0
+        if not eliminate(matrix_and_prior, found):
             return 0
     # The pose step is eliminated: what is left is of the traits alone.
     for column in range(6):

@@ -17,6 +17,7 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray, plain
+from acp_lab.geometry.normal_equations import add_up_rows, leave_rest
 from acp_lab.geometry.pose_kernels import eliminate
 
 _LEAST_POINTS = 30
@@ -92,35 +93,32 @@ def _fit_shift(
 
     doubt: information of the prior that there is no shift at all; 0 where nothing can be fitted.
     """
-    scale, found = np.full(6, 1e-12), np.zeros(8)
-    for i in range(len(residuals_px)):
+    most, edges = len(residuals_px), 0
+    rows, residuals = np.empty((8, most)), np.empty(most)
+    scale = np.full(6, 1e-12)
+    for i in range(most):
         if np.isfinite(residuals_px[i]):
+            residuals[edges] = residuals_px[i]
+            rows[0, edges], rows[1, edges] = np.sign(gradients[i]) * abs(outward[i]), outward[i]
             for k in range(6):
-                scale[k] = max(scale[k], abs(jacobian[i, k]))  # rad and mm alike
-    matrix, side, columns = np.empty((8, 8)), np.empty(8), np.empty(8)
+                rows[2 + k, edges] = jacobian[i, k]
+                scale[k] = max(scale[k], abs(jacobian[i, k]))
+            edges += 1
+    for k in range(6):
+        for i in range(edges):
+            rows[2 + k, i] /= scale[k]  # rad and mm alike
+    found, matrix = np.zeros(8), np.empty((8, 8))
+    rest, weights, pulls = np.empty(edges), np.empty(edges), np.empty(edges)
     for _ in range(2):  # the second time around what the first one found
-        matrix[:], side[:] = 0.0, 0.0
-        matrix[0, 0], side[0] = doubt, -doubt * before  # without evidence there is no shift
+        leave_rest(rows, residuals, found, rest)
+        for i in range(edges):
+            weights[i] = 1.0 / (1.0 + (rest[i] / scatter_px) ** 2) ** 2
+            pulls[i] = weights[i] * residuals[i]
+        add_up_rows(rows, weights, pulls, matrix, found)
+        matrix[0, 0] += doubt
+        found[0] -= doubt * before  # without evidence there is no shift
         for k in range(1, 8):
-            matrix[k, k] = 1e-6
-        for i in range(len(residuals_px)):
-            if not np.isfinite(residuals_px[i]):
-                continue
-            columns[0], columns[1] = np.sign(gradients[i]) * abs(outward[i]), outward[i]
-            left = residuals_px[i] - found[0] * columns[0] - found[1] * columns[1]
-            for k in range(6):
-                columns[2 + k] = jacobian[i, k] / scale[k]
-                left -= found[2 + k] * columns[2 + k]
-            weight = 1.0 / (1.0 + (left / scatter_px) ** 2) ** 2
-            for k in range(8):
-                weighted = weight * columns[k]
-                side[k] += weighted * residuals_px[i]
-                for j in range(k + 1):
-                    matrix[k, j] += weighted * columns[j]
-        for k in range(8):
-            for j in range(k):
-                matrix[j, k] = matrix[k, j]
-        if not eliminate(matrix, side):
+            matrix[k, k] += 1e-6
+        if not eliminate(matrix, found):
             return 0.0
-        found[:] = side
     return float(found[0])
