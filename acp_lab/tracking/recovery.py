@@ -52,9 +52,8 @@ class SecondTries:
     finalists: int = 3
 
 
-# With edges that hardly count, from where regions see the part; with all of them; and the last level of both.
+# With edges that hardly count at first, from where regions see the part; and the last level.
 REGIONS_FIRST = (Level(20, 8.0, 250, 0.01), Level(14, 5.0, 250, 0.02), Level(8, 2.0, 400, 0.1))
-EDGES_TOO = (Level(20, 8.0, 250), Level(14, 5.0, 250), Level(8, 2.0, 400))
 LAST_LEVEL = (Level(5, 1.0, 600),)
 
 
@@ -249,12 +248,9 @@ def _in_cloud(
 def _other_tries(
     solver: PoseSolver, look: Look, situation: Situation, clock: Stopwatch
 ) -> Iterator[tuple[SeenFrame, Solution]]:
-    """Regions first from the predicted pose; from the last one, edges too or regions first."""
-    for pose, tried in ((situation.predicted, (REGIONS_FIRST,)), (situation.last, (EDGES_TOO, REGIONS_FIRST))):
+    """Regions first, from the predicted pose and from the last one."""
+    for pose in (situation.predicted, situation.last):
         seen = look(pose)
-        if seen is None:
-            continue
-        for levels in tried:
-            solution = solver.solve(seen, seen.view.at_pose(pose), clock, levels)
-            if solution is not None:
-                yield seen, solution
+        solution = None if seen is None else solver.solve(seen, seen.view.at_pose(pose), clock, REGIONS_FIRST)
+        if seen is not None and solution is not None:
+            yield seen, solution

@@ -20,7 +20,6 @@ from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method
 from acp_lab.tracking.recovery import (
-    EDGES_TOO,
     LAST_LEVEL,
     REGIONS_FIRST,
     Alternatives,
@@ -216,18 +215,17 @@ class Compared:
             if self.jumps or start.cam_T_obj is self.farthest:
                 away = np.array([0.0, 0, 0, 0, 0, 3 * self.part.radius])
                 start = start.view.at_pose(move_pose(start.cam_T_obj, self.part.box_centre, away))
-        elif levels not in (REGIONS_FIRST, EDGES_TOO):
+        elif levels is not REGIONS_FIRST:
             self.tried.append("cloud")
             score = self.in_cloud
             if self.leads_away:
                 self.farthest = start.cam_T_obj
         else:
             pose = "predicted" if start.cam_T_obj is self.predicted else "last"
-            name = f"{pose} { ({REGIONS_FIRST: 'regions', EDGES_TOO: 'edges'}[levels]) }"  # type: ignore[index]
-            self.tried.append(name)
-            if name not in self.scores:
+            self.tried.append(pose)
+            if pose not in self.scores:
                 return None
-            score = self.scores[name]
+            score = self.scores[pose]
         return Solution(start, (Said(score),), 0.0, None)  # type: ignore[arg-type]
 
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Any) -> Solution | None:
@@ -277,11 +275,11 @@ def predicted(view: View) -> FloatArray:
     return move_pose(view.prior, view.part.box_centre, np.array([0.0, 0.01, 0, 1.0, 0, 0]))
 
 
-ALL_TRIES = ["predicted regions", "last edges", "last regions"]
+ALL_TRIES = ["predicted", "last"]
 
 
 def test_no_alternative_is_tried_while_the_score_is_as_usual(part: Part, view: View, predicted: FloatArray) -> None:
-    for score, tries in ((0.8, 0), (0.79, 4)):
+    for score, tries in ((0.8, 0), (0.79, 3)):
         solver = Compared(part, predicted, dict.fromkeys(ALL_TRIES, 0.9), refined=0.9)
         first = first_try(view, score)
         assert (compared(solver, view, first) is first) == (tries == 0)
@@ -295,7 +293,7 @@ def test_the_best_alternative_is_refined(part: Part, view: View, predicted: Floa
         assert found is not None
         assert found.score == 0.9
         assert solver.tried == [*ALL_TRIES, "refined"]
-        expected = predicted if best == "predicted regions" else view.prior
+        expected = predicted if best == "predicted" else view.prior
         np.testing.assert_array_equal(found.cam_T_obj, expected)
 
 
@@ -303,7 +301,7 @@ def test_an_alternative_much_worse_than_the_first_try_is_not_refined(
     part: Part, view: View, predicted: FloatArray
 ) -> None:
     for score, refined in ((0.449, False), (0.451, True)):
-        solver, first = Compared(part, predicted, {"last edges": score}, refined=0.9), first_try(view, 0.5)
+        solver, first = Compared(part, predicted, {"last": score}, refined=0.9), first_try(view, 0.5)
         assert (compared(solver, view, first) is first) != refined
         assert ("refined" in solver.tried) == refined
 
@@ -313,7 +311,7 @@ def test_an_alternative_must_be_better_by_more_the_less_it_was_expected(
     part: Part, view: View, predicted: FloatArray, innovation: float, needed: float
 ) -> None:
     for refined in (needed - 1e-3, needed + 1e-3):
-        solver = Compared(part, predicted, {"last edges": 0.5}, refined=refined, innovation=innovation)
+        solver = Compared(part, predicted, {"last": 0.5}, refined=refined, innovation=innovation)
         first = first_try(view, 0.5)
         assert (compared(solver, view, first) is not first) == (refined > needed)
 
@@ -324,18 +322,18 @@ def test_no_place_far_from_the_expected_one_is_taken_for_a_part_that_is_half_hid
     """What is left of it looks like a smaller part: scores as on `metal_hard` 3, where the place was right."""
     first = first_try(view, 0.320)
     for innovation, is_taken in ((60.4, False), (5.0, True)):
-        solver = Compared(part, predicted, {"predicted regions": 0.44}, refined=0.447, innovation=innovation)
+        solver = Compared(part, predicted, {"predicted": 0.44}, refined=0.447, innovation=innovation)
         assert (compared(solver, view, first, Alternatives(cloud_below=0.0)) is not first) == is_taken
 
 
 def test_without_a_first_try_any_plausible_alternative_will_do(part: Part, view: View, predicted: FloatArray) -> None:
-    found = compared(Compared(part, predicted, {"last edges": 0.1}, refined=0.1, innovation=99.0), view, None)
+    found = compared(Compared(part, predicted, {"last": 0.1}, refined=0.1, innovation=99.0), view, None)
     assert found is not None
     assert found.score == 0.1
     assert compared(Compared(part, predicted, {}), view, None) is None
     first = first_try(view, 0.1)
     assert compared(Compared(part, predicted, {}), view, first) is first
-    jumping = Compared(part, predicted, {"last edges": 0.9}, refined=0.9, jumps=True)
+    jumping = Compared(part, predicted, {"last": 0.9}, refined=0.9, jumps=True)
     assert compared(jumping, view, first) is first
     assert compared(jumping, view, None) is None
 
@@ -344,7 +342,7 @@ def test_a_cloud_is_searched_where_nothing_fits_half_as_well_as_usual(
     part: Part, view: View, predicted: FloatArray
 ) -> None:
     for best, searched in ((0.49, True), (0.5, False)):
-        for scores, first_score in (({"last edges": best}, 0.46), ({"last edges": 0.46}, best)):
+        for scores, first_score in (({"last": best}, 0.46), ({"last": 0.46}, best)):
             solver = Compared(part, predicted, scores, refined=0.9, in_cloud=0.6)
             found = compared(solver, view, first_try(view, first_score), SEARCHING)
             assert ("cloud" in solver.tried) == searched
@@ -372,7 +370,7 @@ def test_where_the_cloud_s_place_is_not_taken_the_best_alternative_has_its_chanc
 ) -> None:
     first = first_try(view, 0.3)
     for refined, is_taken in ((0.32, False), (0.34, True)):
-        solver = Compared(part, predicted, {"last edges": 0.4}, refined=refined, in_cloud=0.6, leads_away=True)
+        solver = Compared(part, predicted, {"last": 0.4}, refined=refined, in_cloud=0.6, leads_away=True)
         found = compared(solver, view, first, SEARCHING)
         assert solver.tried[-2:] == ["refined", "refined"]
         assert (found is not first) == is_taken
