@@ -387,7 +387,7 @@ def _rectify(units: Float32Array, bias: Float32Array) -> None:
 
 @kernel("void(f4[:, ::1], f4[:, ::1], f4[::1], f4[:, ::1])", fastmath=frozenset({"contract", "reassoc"}))
 def _answer(units: Float32Array, weights: Float32Array, bias: Float32Array, found: Float32Array) -> None:
-    """Fill found (k, n), see `ProfileNetwork.__call__`: units (k, m) times weights (n, m) transposed, plus bias (n,)."""
+    """Fill found (k, n), see `ProfileNetwork.__call__`: units (k, m) times weights (n, m), plus bias (n,)."""
     for k in range(len(units)):
         for i in range(len(bias)):
             total = bias[i]
