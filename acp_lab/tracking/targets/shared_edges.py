@@ -77,65 +77,73 @@ class EdgeSharing:
         if not known_share and known.all():
             return scores
         least = self.spread_px**2 + (self.unknown_px**2 if covariance is None else 0.0)
-        shared = np.empty_like(scores)
+        masses, shared = np.zeros(scores.shape), np.empty_like(scores)
+        weights, offsets = np.where(known, 1.0, self.newcomer), plain(offsets)
+        _weigh(scores, offsets, weights, plain(jacobian), _SURE if covariance is None else covariance, least, masses)
         _share_out(
-            plain(points), plain(normals), known, self.newcomer, known_share, plain(jacobian),
-            _NONE_KNOWN if covariance is None else covariance, least, plain(offsets), scores, self.apart_px,
-            self.along_px, self.same_px, 2.0 * level.reach_px, np.argsort(points[:, 0]), shared,
+            plain(points), plain(normals), known, known_share, offsets, scores, masses, self.apart_px, self.along_px,
+            self.same_px, 2.0 * level.reach_px, np.argsort(points[:, 0]), shared,
         )  # fmt: skip
         return shared
 
 
-_NONE_KNOWN = np.zeros((6, 6))
+_SURE = np.zeros((6, 6))
 
 
-@kernel(
-    "void(f8[:, ::1], f8[:, ::1], b1[::1], f8, b1, f8[:, ::1], f8[:, ::1], f8, f8[:, ::1], f8[:, ::1], f8, f8, f8, f8,"
-    " i8[::1], f8[:, ::1])",
-)
-def _share_out(
-    points: FloatArray, normals: FloatArray, known: BoolArray, newcomer: float, known_share: bool,
-    jacobian: FloatArray, covariance: FloatArray, least_variance: float, offsets: FloatArray, scores: FloatArray,
-    apart_px: float, along_px: float, same_px: float, span_px: float, by_x: IntArray, shared: FloatArray,
+@kernel("void(f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1])")
+def _weigh(
+    scores: FloatArray, offsets: FloatArray, weights: FloatArray, jacobian: FloatArray, covariance: FloatArray,
+    least_variance: float, masses: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill shared (n, m), see `EdgeSharing.share_out`.
+    """Fill masses (n, m), zeros before: m of the module's head.
 
-    known_share: whether the known share among themselves; least_variance: px^2, where the pose is known; by_x: (n,) the
-    points' order from left to right; span_px: neighbours are no farther than this in x and y.
+    weights: (n,) of the samples; covariance: (6, 6) of the expected pose; least_variance: px^2 where that is sure.
     """
-    count, width = scores.shape
-    masses = np.zeros((count, width))
-    # Those who may claim from left to right, in rows of their own: x, y, normal.
-    rows, of, known_count = np.empty((4, count)), np.empty(count, np.int64), 0
-    for a in range(count):
-        i, found = by_x[a], False
-        for k in range(width):
-            found |= scores[i, k] != 0.0
-        if not found:
+    for i in range(len(scores)):
+        if not scores[i].any():
             continue
         variance = least_variance
         for j in range(6):
             for k in range(6):
                 variance += jacobian[i, j] * covariance[j, k] * jacobian[i, k]
-        weight, narrow = 1.0 if known[i] else newcomer, -0.5 / variance
-        for k in range(width):
+        narrow = -0.5 / variance
+        for k in range(scores.shape[1]):
             if scores[i, k] != 0.0:
-                masses[i, k] = weight * scores[i, k] * np.exp(narrow * offsets[i, k] * offsets[i, k])
-        if known[i]:
-            rows[0, known_count], rows[1, known_count] = points[i, 0], points[i, 1]
-            rows[2, known_count], rows[3, known_count] = normals[i, 0], normals[i, 1]
-            of[known_count] = i
-            known_count += 1
+                masses[i, k] = weights[i] * scores[i, k] * np.exp(narrow * offsets[i, k] * offsets[i, k])
+
+
+@kernel(
+    "void(f8[:, ::1], f8[:, ::1], b1[::1], b1, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8, f8, i8[::1],"
+    " f8[:, ::1])",
+)
+def _share_out(
+    points: FloatArray, normals: FloatArray, known: BoolArray, known_share: bool, offsets: FloatArray,
+    scores: FloatArray, masses: FloatArray, apart_px: float, along_px: float, same_px: float, span_px: float,
+    by_x: IntArray, shared: FloatArray,
+) -> None:  # fmt: skip
+    """Fill shared (n, m), see `EdgeSharing.share_out`.
+
+    known_share: whether the known share among themselves; by_x: (n,) the points' order from left to right; span_px:
+    neighbours are no farther than this in x and y.
+    """
+    count, width = scores.shape
+    # Those who may claim from left to right, in rows of their own: x, y, normal.
+    rows, of, claimants = np.empty((4, count)), np.empty(count, np.int64), 0
+    for i in by_x:
+        if known[i] and scores[i].any():
+            rows[0, claimants], rows[1, claimants] = points[i, 0], points[i, 1]
+            rows[2, claimants], rows[3, claimants] = normals[i, 0], normals[i, 1]
+            of[claimants] = i
+            claimants += 1
     claims, neighbours, beside = np.empty(width), np.empty(count, np.int64), np.empty(count, np.bool_)
     first, last = 0, 0
-    for a in range(count):
-        i = by_x[a]
+    for i in by_x:
         claims[:] = 0.0
         if not known[i] or known_share:
             x, y, nx, ny = points[i, 0], points[i, 1], normals[i, 0], normals[i, 1]
-            while first < known_count and rows[0, first] < x - span_px:
+            while first < claimants and rows[0, first] < x - span_px:
                 first += 1
-            while last < known_count and rows[0, last] <= x + span_px:
+            while last < claimants and rows[0, last] <= x + span_px:
                 last += 1
             # Without a branch, as no processor can foresee who is a neighbour; and several at once.
             xs, ys, nxs, nys = rows[0, first:last], rows[1, first:last], rows[2, first:last], rows[3, first:last]
@@ -144,11 +152,11 @@ def _share_out(
                 gap, side = abs(dx * nx + dy * ny), abs(dx * ny - dy * nx)
                 cosine = abs(nxs[b] * nx + nys[b] * ny)
                 beside[b] = (abs(dy) <= span_px) & (cosine >= _LEAST_COSINE) & (gap >= apart_px) & (side <= along_px)
-            found_count = 0
+            found = 0
             for b in range(len(xs)):
-                neighbours[found_count] = first + b
-                found_count += beside[b]
-            for b in neighbours[:found_count]:
+                neighbours[found] = first + b
+                found += beside[b]
+            for b in neighbours[:found]:
                 j = of[b]
                 gap = (rows[0, b] - x) * nx + (rows[1, b] - y) * ny
                 sign = np.sign(rows[2, b] * nx + rows[3, b] * ny)
