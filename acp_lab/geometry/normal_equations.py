@@ -6,6 +6,8 @@ edges at a time.
 
 from __future__ import annotations
 
+import numpy as np
+
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import FloatArray
 
@@ -33,7 +35,7 @@ def add_up_rows(
     rows: (k, at least n); weights: (n,); pulls: (n,) weights times residuals.
     """
     count = len(weights)
-    weighted = weights.copy()
+    weighted = np.empty_like(weights)
     for k in range(len(vector)):
         row, total = rows[k, :count], 0.0
         for i in range(count):

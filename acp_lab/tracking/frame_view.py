@@ -21,6 +21,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.planar_pnp_nearby import planar_pnp_nearby
 from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_kernels import invert
 from acp_lab.geometry.pose_step import control_point_jacobian, image_directions, step_jacobian
 
 Box = tuple[int, int, int, int]
@@ -70,8 +71,11 @@ class View:
     @cached_property
     def prior_covariance(self) -> FloatArray | None:
         """(6, 6) of a pose step (rad, mm) about the part's centre, away from the prior; None where nobody knows."""
-        information = self.prior_information
-        return None if information is None else np.asarray(np.linalg.inv(information), np.float64)
+        if self.prior_information is None:
+            return None
+        covariance = np.empty((6, 6))
+        invert(plain(self.prior_information), covariance)
+        return covariance
 
     @cached_property
     def canonical(self) -> CanonicalFrame:

@@ -33,8 +33,10 @@ def add_up_pose(
     sigma, outlier, precision = mixture[0], mixture[1], mixture[2]
     narrow = -0.5 / (sigma * sigma)
     sum_of_weights, used = 0.0, 0
-    columns, weights, towards = np.empty((6, len(points_obj))), np.empty(len(points_obj)), np.empty(len(points_obj))
-    for i in range(len(points_obj)):
+    # A row per unknown of the points that say something, as `add_up_rows` takes them.
+    most = len(points_obj)
+    unknowns, weights, weighted = np.empty((6, most)), np.empty(most), np.empty(most)
+    for i in range(most):
         x, y, z = points_obj[i, 0], points_obj[i, 1], points_obj[i, 2]
         depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
         if not depth > 0.0:
@@ -55,11 +57,11 @@ def add_up_pose(
         if weight == 0.0 or not math.isfinite(pull):
             continue
         sum_of_weights += weight
-        weights[used], towards[used] = weight, pull
+        weights[used], weighted[used] = weight, pull
         for j in range(6):
-            columns[j, used] = rows[i, j]
+            unknowns[j, used] = rows[i, j]
         used += 1
-    add_up_rows(columns, weights[:used], towards[:used], matrix, vector)
+    add_up_rows(unknowns, weights[:used], weighted[:used], matrix, vector)
     return sum_of_weights
 
 

@@ -251,6 +251,8 @@ def _other_tries(
     """Regions first, from the predicted pose and from the last one."""
     for pose in (situation.predicted, situation.last):
         seen = look(pose)
-        solution = None if seen is None else solver.solve(seen, seen.view.at_pose(pose), clock, REGIONS_FIRST)
-        if seen is not None and solution is not None:
+        if seen is None:
+            continue
+        solution = solver.solve(seen, seen.view.at_pose(pose), clock, REGIONS_FIRST)
+        if solution is not None:
             yield seen, solution

@@ -79,7 +79,8 @@ class EdgeSharing:
         least = self.spread_px**2 + (self.unknown_px**2 if covariance is None else 0.0)
         masses, shared = np.zeros(scores.shape), np.empty_like(scores)
         weights, offsets = np.where(known, 1.0, self.newcomer), plain(offsets)
-        _weigh(scores, offsets, weights, plain(jacobian), _SURE if covariance is None else covariance, least, masses)
+        of_pose = _NO_COVARIANCE if covariance is None else covariance
+        _weigh(scores, offsets, weights, plain(jacobian), of_pose, least, masses)
         _share_out(
             plain(points), plain(normals), known, known_share, offsets, scores, masses, self.apart_px, self.along_px,
             self.same_px, 2.0 * level.reach_px, np.argsort(points[:, 0]), shared,
@@ -87,7 +88,7 @@ class EdgeSharing:
         return shared
 
 
-_SURE = np.zeros((6, 6))
+_NO_COVARIANCE = np.zeros((6, 6))
 
 
 @kernel("void(f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], f8, f8[:, ::1])")
