@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from acp_lab.errors import AcpLabError
+from acp_lab.errors import AcpLabError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -96,7 +96,12 @@ class LiveLoop:
             self._thread.join(timeout_s)
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until the sequence has ended; False when it still runs after that time."""
+        """Wait until the sequence has ended; False when it still runs after that time.
+
+        Raises TrackingError where it has not begun.
+        """
+        if self._thread.ident is None:
+            raise TrackingError(f"{self.sequence.name}: there is nothing to wait for before begin()")
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
@@ -121,6 +126,10 @@ class LiveLoop:
                 self._show(frame, self._result(frame))
         except AcpLabError as error:
             self._tell(str(error))
+        except Exception as error:
+            # Else whoever looks at the window reads what was told before, as if all were well.
+            self._tell(f"ended by an error in the program: {error!r}")
+            raise
         finally:
             with self._lock:
                 self.doing = "ended"
@@ -167,8 +176,9 @@ class LiveLoop:
     def _track(self, frame: Frame | UnreadableFrame, start: FloatArray | None) -> TrackResult:
         if start is None or not isinstance(frame, Frame):
             return self._tracker.track(frame)
-        self.rows = []
-        return self._tracker.start(frame, start)
+        result = self._tracker.start(frame, start)
+        self.rows = []  # what was tracked before is kept where the new start shows nothing
+        return result
 
     def _look_in(self, frame: Frame) -> None:
         self._tell("looking for the part: keep it still …")

@@ -125,12 +125,14 @@ class Pursuit:
             found = self._nearer(frame, found, clock)
         if was_sighted and not self.usual.reached(found, _USUAL):
             # The picture may have been found elsewhere: what the motion alone foretold has its try, too.
-            sighted, region, self.predictor = self.predictor, self.region, unsighted
+            sighted, self.predictor = self.predictor, unsighted
             by_motion_alone = self.try_from(frame, self.predicted, clock)
             if better(found, by_motion_alone) is found:
-                self.predictor, self.region = sighted, region
+                self.predictor = sighted
             else:
                 found = by_motion_alone
+        if found is not None:
+            self.region = found.estimate.view.region  # of several tries the last may have been from another one
         return self.predicted, found
 
     def recover(

@@ -42,7 +42,7 @@ class SecondTries:
     Attributes:
         below: share of the running mean quality below which the part is also sought where it was last, and, if that
             is no better, `shift_px` around there.
-        turn_deg, finalists: of the wide search while the part is lost, see `start.TrustedStart`.
+        turn_deg, finalists: of the wide search while the part is lost, see `search.search_around`.
     """
 
     kind: ClassVar[str] = "second-tries"
@@ -50,6 +50,13 @@ class SecondTries:
     shift_px: float = 14.0
     turn_deg: float = 4.0
     finalists: int = 3
+
+    def __post_init__(self) -> None:
+        for name in ("below", "shift_px", "turn_deg"):
+            if not 0.0 <= getattr(self, name) <= 1000.0:
+                raise TrackingError(f"recovery.{name} = {getattr(self, name):g}: give 0 to 1000")
+        if not 1 <= self.finalists <= 100:
+            raise TrackingError(f"recovery.finalists = {self.finalists}: give 1 to 100")
 
 
 # With edges that hardly count at first, from where regions see the part; and the last level.
@@ -248,8 +255,8 @@ def _in_cloud(
 def _other_tries(
     solver: PoseSolver, look: Look, situation: Situation, clock: Stopwatch
 ) -> Iterator[tuple[SeenFrame, Solution]]:
-    """Regions first, from the predicted pose and from the last one."""
-    for pose in (situation.predicted, situation.last):
+    """Regions first, from the predicted pose and from the last one, where that is another."""
+    for pose in (situation.predicted, situation.last) if situation.moves else (situation.predicted,):
         seen = look(pose)
         if seen is None:
             continue

@@ -112,10 +112,17 @@ def track_sequence(
 ) -> TrackRun:
     """Track objects through a sequence, and keep all results: tens of kilobytes per frame and object.
 
-    Arguments and errors as in `follow_sequence`.
+    Arguments and errors as in `follow_sequence`. A live camera has no end: an interrupt (Ctrl-C, Jupyter's stop button)
+    ends its run, and what was tracked until then is returned.
     """
     keeper = _Keeper(trackers)
-    info = follow_sequence(trackers, sequence, starts, (keeper, *observers), max_frames, method)
+    try:
+        follow_sequence(trackers, sequence, starts, (keeper, *observers), max_frames, method)
+    except KeyboardInterrupt:
+        if sequence.frame_ids or not keeper.has_results:
+            raise
+    info = keeper.session
+    assert info is not None
     return TrackRun(
         sequence.name,
         sequence.scene_id,
@@ -145,14 +152,16 @@ def follow_sequence(
         method: what the run is called; None for the first tracker's name.
 
     Raises:
-        SequenceError: no frames, or the first one cannot be read.
+        SequenceError: no trackers, no frames, or the first one cannot be read.
         TrackingError: a part is not seen at its start pose.
     """
     listening = tuple(observers)
+    if not trackers:
+        raise SequenceError(f"{sequence.name}: there is no object to track; give a tracker for each")
     without = sorted(set(trackers) - set(starts))
     if without:
         raise SequenceError(f"{sequence.name}: no start pose for object {without[0]}; give one for each tracker")
-    method = next((tracker.name for tracker in trackers.values()), "none") if method is None else method
+    method = next(iter(trackers.values())).name if method is None else method
     info = _session_info(trackers, sequence, max_frames, method)
     number = -1
     with ExitStack() as at_the_end:
@@ -174,7 +183,7 @@ def follow_sequence(
             }
             for observer in listening:
                 observer.on_frame(frame, of_frame)
-    if number < 0 or not trackers:
+    if number < 0:
         raise SequenceError(f"{sequence.name}: there is no frame to track")
     return info
 
@@ -184,10 +193,16 @@ class _Keeper:
 
     def __init__(self, trackers: Mapping[int, PartTracker]) -> None:
         self.results: dict[int, list[TrackResult]] = {object_id: [] for object_id in trackers}
+        self.session: SessionInfo | None = None
         self._keeps_target = {object_id: tracker.records_target for object_id, tracker in trackers.items()}
 
+    @property
+    def has_results(self) -> bool:
+        """Whether a frame was tracked."""
+        return any(self.results.values())
+
     def on_start(self, session: SessionInfo) -> None:
-        pass
+        self.session = session
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
         for object_id, result in results.items():

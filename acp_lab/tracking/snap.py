@@ -19,7 +19,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
@@ -79,7 +79,7 @@ class SnapResult:
         cam_T_obj: (4, 4) mm.
         quality: in [0, 1], as the tracker's: how likely the pose is right, see `confidence`.
         agreement_before, agreement: in [0, 1], how well the frame agrees with the given and with the new pose.
-        loss: e(I) at the new pose, see `loss.robust_loss`.
+        loss: e(I) at the new pose, see `targets.soft_assignment.robust_loss`.
         edges: the generated edge points at the new pose.
         residuals_px: (n,) px along their normals to the image edge, NaN where none was found.
         is_good: whether the quality says that the part is there; if not, look closely, or start nearer.
@@ -99,6 +99,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     """The pose near a hand-set one (4, 4) that the frame agrees with best; takes one to two seconds.
 
     Raises:
+        GeometryError: it is no pose: mirrored, scaled, not finite.
         TrackingError: at the given pose the part is behind the camera, outside the image or shows too few edges.
         PreparationError: the part has no generator.
 
@@ -114,6 +115,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
         True
     """
     config = config or SnapConfig()
+    check_pose(cam_T_obj, f"{model.part.name}: the pose to start from")
     start = np.array(cam_T_obj, np.float64)
     # Nothing is learnt yet: in the first frame there is nothing to remember.
     solver = FrameSolver(model, ACP)

@@ -29,6 +29,13 @@ class StateConfig:
     def __post_init__(self) -> None:
         if self.patience < 1 or self.proof < 1:
             raise TrackingError(f"states: patience = {self.patience}, proof = {self.proof}: give 1 or more")
+        pairs = ("weak_below", "tracking_above"), ("lost_below", "found_above"), ("lost_below", "weak_below")
+        for low, high in pairs:
+            below, above = getattr(self, low), getattr(self, high)
+            if not 0.0 <= below <= above:
+                raise TrackingError(
+                    f"states: {low} = {below:g}, {high} = {above:g}: give 0 or more, the first no more than the second"
+                )
 
 
 class StateMachine:

@@ -1,4 +1,4 @@
-"""The tracker of one part, and the only frame loop: look, predict, solve, recover, learn, report.
+"""The tracker of one part, and the only frame loop: predict, look, solve, recover, learn, report.
 
 What it does in each stage is its method's (see `method`); the loop is the same for all. How a frame's pose is found is
 in `pursuit`. The state that goes from frame to frame is the paper's: four image control points I with their 3D points
@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from acp_lab.control_points.view_regions import REGION_COUNT
-from acp_lab.errors import PreparationError, TrackingError
+from acp_lab.errors import PreparationError, SequenceError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import check_pose, transform
@@ -97,7 +97,7 @@ class Tracker:
 
     @property
     def start_was_trusted(self) -> bool:
-        """Whether edge offsets were measured in the first frame (see `start.is_trusted`)."""
+        """Whether the start pose was taken for exact enough to go on from (see `start.is_trusted`)."""
         return self._trusted
 
     @property
@@ -214,10 +214,29 @@ class Tracker:
             pursuit.usual.take_in(solution)
         return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(predicted) or note)
 
-    def run(self, sequence: Sequence, start: FloatArray, observers: Iterable[Observer] = ()) -> TrackRun:
-        """Track a sequence of one object from a start pose (4, 4) in its first frame."""
-        object_id = sequence.object_ids[0] if sequence.object_ids else 1
-        return track_sequence({object_id: self}, sequence, {object_id: start}, observers)
+    def run(
+        self,
+        sequence: Sequence,
+        start: FloatArray,
+        observers: Iterable[Observer] = (),
+        object_id: int | None = None,
+        max_frames: int | None = None,
+    ) -> TrackRun:
+        """Track one object through a sequence, from a start pose (4, 4) in its first frame; see `track_sequence`.
+
+        Args:
+            object_id: which of the sequence's objects it is; None where there is only one.
+
+        Raises SequenceError where the sequence has several objects and none was named; else as `follow_sequence`.
+        """
+        ids = sequence.object_ids or (1,)
+        if object_id is None and len(ids) > 1:
+            raise SequenceError(
+                f"{sequence.name}: the first frame shows objects {', '.join(map(str, ids))}: say which is tracked, "
+                f"such as object_id={ids[0]}"
+            )
+        object_id = ids[0] if object_id is None else object_id
+        return track_sequence({object_id: self}, sequence, {object_id: start}, observers, max_frames)
 
     def look(self, frame: Frame, prior: FloatArray) -> SeenFrame | None:
         """A frame around the part at a pose (4, 4), as the next `track` would see it; changes nothing.

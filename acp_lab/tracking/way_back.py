@@ -164,14 +164,18 @@ class Reacquisition:
             return Verdict.OPEN
         best, self._second = next(iter(search.result or ()), None), None
         self._looks += 1
-        rival = search.rival
+        rival, verdict = search.rival, Verdict.OPEN
         if best is not None and rival is not None and not self._finder().is_same(best.cam_T_obj, (rival,)):
             if best.score >= _SURE_RIVAL:
                 self._best, self._searched, self._found = best, search.frame, (best,)
-                return Verdict.WRONG
+                verdict = Verdict.WRONG
         elif best is not None and best.score >= self._config.least_score:
-            return Verdict.RIGHT
-        return Verdict.RIGHT if self._looks == len(SECOND_LOOKS) else Verdict.OPEN
+            verdict = Verdict.RIGHT
+        if verdict is Verdict.OPEN and self._looks == len(SECOND_LOOKS):
+            verdict = Verdict.RIGHT
+        if verdict is not Verdict.OPEN:
+            self._looks = 0  # the next doubt is another one
+        return verdict
 
     def _now(self, cam_T_obj: FloatArray, frame: Frame) -> list[FloatArray]:
         """A pose (4, 4) in the frame that was searched; before it, moved to where the part's picture is in this one.

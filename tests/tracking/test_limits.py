@@ -24,7 +24,7 @@ def test_every_named_method_is_within_them(method: Method) -> None:
         ("[states]\npatience = 1000000000", "states.patience = 1e+09: give at most 100000"),
         ("[start]\nlargest_shift_px = 0.0", "start.largest_shift_px = 0: give more than 0"),
         ("[start]\nlargest_scale = 1e-300", "start.largest_scale = 1e-300: give more than 0"),
-        ("[states]\nweak_below = inf", "states.weak_below = inf: give at most 1e+06"),
+        ("[learning.offsets]\nlargest = inf", "learning.offsets.largest = inf: give at most 1e+06"),
         ("[learning.offsets]\ninner_power = 1e9", "learning.offsets.inner_power = 1e+09: give at most 10"),
         ("[learning.reliability]\nmiss_px = 1e300", "miss_px = 1e+300: give at most 1000"),
         (
@@ -59,5 +59,5 @@ def test_what_is_no_cloud_is_named_with_the_file(lines: str, told: str, tmp_path
 
 def test_no_number_is_no_limit() -> None:
     acp = METHODS["acp"]
-    with pytest.raises(ParameterError, match=r"here: states\.weak_below = nan"):
-        check_limits(replace(acp, states=replace(acp.states, weak_below=float("nan"))), "here")
+    with pytest.raises(ParameterError, match=r"here: start\.agreement = nan"):
+        check_limits(replace(acp, start=replace(acp.start, agreement=float("nan"))), "here")  # type: ignore[type-var]

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from acp_lab.errors import TrackingError
 from acp_lab.evaluation import add_mm
 from acp_lab.sequences import open_images
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -107,6 +108,37 @@ def test_a_pose_that_shows_nothing_is_told_and_it_goes_on_watching(loop: LiveLoo
     assert "not seen" in spectator.words[0]
     assert loop.hold() is not None, "it goes on"
     assert loop.rows == []
+
+
+def test_a_new_start_that_shows_nothing_keeps_what_was_tracked(loop: LiveLoop, spectator: Spectator) -> None:
+    truth = sample_scene().truth(0, 1)
+    assert truth is not None
+    frame = sample_scene().frame(0)
+    loop.doing, loop._start = "following", truth
+    assert loop._result(frame) is not None
+    loop.follow(np.diag([1.0, -1.0, -1.0, 1.0]) @ truth)  # behind the camera
+    assert loop._result(frame) is None
+    assert "not seen" in spectator.words[-1]
+    assert [row.im_id for row in loop.rows] == [0]
+
+
+def test_an_error_in_the_program_is_told(loop: LiveLoop, spectator: Spectator, monkeypatch: pytest.MonkeyPatch) -> None:
+    def trip(*_: object) -> None:
+        raise IndexError("no such frame")
+
+    raised: list[type[BaseException]] = []
+    monkeypatch.setattr(threading, "excepthook", lambda told: raised.append(told.exc_type))
+    monkeypatch.setattr(loop, "_show", trip)
+    loop.begin()
+    assert loop.wait(LAST)
+    assert loop.doing == "ended"
+    assert spectator.words == ["ended by an error in the program: IndexError('no such frame')"]
+    assert raised == [IndexError]
+
+
+def test_there_is_nothing_to_wait_for_before_it_begins(loop: LiveLoop) -> None:
+    with pytest.raises(TrackingError, match="before begin"):
+        loop.wait()
 
 
 def test_a_button_outranks_what_was_found_at_that_moment(loop: LiveLoop, spectator: Spectator) -> None:

@@ -249,11 +249,12 @@ def compared(
     due: bool = False,
     sees: bool = True,
     mean_score: float = 1.0,
+    moves: bool = True,
 ) -> Solution | None:
     situation = Situation(
         solver.predicted,
         view.prior,
-        True,
+        moves,
         0.0,
         mean_score=mean_score,
         is_lost=lost,
@@ -295,6 +296,19 @@ def test_the_best_alternative_is_refined(part: Part, view: View, predicted: Floa
         assert solver.tried == [*ALL_TRIES, "refined"]
         expected = predicted if best == "predicted" else view.prior
         np.testing.assert_array_equal(found.cam_T_obj, expected)
+
+
+def test_a_part_that_rests_is_not_sought_twice_at_one_place(part: Part, view: View, predicted: FloatArray) -> None:
+    solver = Compared(part, predicted, dict.fromkeys(ALL_TRIES, 0.6), refined=0.9)
+    assert compared(solver, view, first_try(view, 0.5), moves=False) is not None
+    assert solver.tried == ["predicted", "refined"]
+
+
+@pytest.mark.parametrize("values", [{"below": -3.0}, {"shift_px": float("nan")}, {"turn_deg": -1.0}, {"finalists": 0}])
+def test_second_tries_that_make_no_sense_are_refused(values: dict[str, float]) -> None:
+    name, value = next(iter(values.items()))
+    with pytest.raises(TrackingError, match=re.escape(f"recovery.{name} = {value:g}: give ")):
+        SecondTries(**values)  # type: ignore[arg-type]
 
 
 def test_an_alternative_much_worse_than_the_first_try_is_not_refined(

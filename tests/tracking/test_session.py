@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pytest
@@ -123,6 +123,31 @@ def test_the_end_is_told_also_after_an_interruption() -> None:
     with pytest.raises(KeyboardInterrupt):
         track_sequence({1: PlayTracker(log, trip_at=2)}, made, made.first_poses, [Listener(log)])
     assert log[-2:] == ["tracker track 2", "listener ends"]
+
+
+def test_an_interrupt_is_how_the_run_of_a_live_camera_ends() -> None:
+    class Camera(MadeSequence):
+        frame_ids = ()  # nobody knows how many there will be
+
+        def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+            return sequence(3).frames(max_frames)
+
+    log: list[str] = []
+    camera = Camera([], {1: POSES[:3]})
+    run = track_sequence({1: PlayTracker(log, trip_at=4)}, camera, camera.first_poses, [Listener(log)])
+    assert [result.frame_id for result in run.results[1]] == [0, 2]
+    assert run.session is not None
+    assert log[-1] == "listener ends"
+    with pytest.raises(KeyboardInterrupt):  # nothing was tracked yet
+        track_sequence({1: PlayTracker(log, trip_at=0)}, camera, camera.first_poses)
+
+
+def test_without_trackers_nobody_is_told_anything() -> None:
+    """An observer may replace a file of results when it is told."""
+    log: list[str] = []
+    with pytest.raises(SequenceError, match="made: there is no object to track"):
+        track_sequence({}, sequence(), {}, [Listener(log)])
+    assert log == []
 
 
 def test_a_listener_that_trips_ends_the_session_for_all() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acp_lab.errors import TrackingError
+from acp_lab.errors import GeometryError, TrackingError
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.snap import SnapConfig, snap
@@ -41,6 +41,12 @@ def test_a_pose_beyond_the_cloud_snaps_to_the_part(seed: int) -> None:
     found = snap(model, first_frame(), start)
     assert add_percent(model.part, found.cam_T_obj, truth) < 2.0
     assert found.is_good
+
+
+def test_what_is_no_pose_is_refused() -> None:
+    mirrored = sample_scene().first_pose @ np.diag([1.0, 1.0, -1.0, 1.0])
+    with pytest.raises(GeometryError, match="the pose to start from"):
+        snap(sample_model(), sample_scene().frame(0), mirrored)
 
 
 def test_an_image_without_the_part_is_no_find() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 import pytest
@@ -48,6 +49,21 @@ def test_found_again_with_hysteresis() -> None:
 def test_nonsense_is_refused(values: dict[str, int]) -> None:
     with pytest.raises(TrackingError, match="give 1 or more"):
         StateConfig(**values)
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"weak_below": 0.7}, "weak_below = 0.7, tracking_above = 0.6"),
+        ({"lost_below": 0.55}, "lost_below = 0.55, found_above = 0.5"),
+        ({"weak_below": 0.2}, "lost_below = 0.25, weak_below = 0.2"),
+        ({"lost_below": -0.1}, "lost_below = -0.1, found_above = 0.5"),
+        ({"lost_below": float("nan")}, "lost_below = nan"),
+    ],
+)
+def test_thresholds_have_their_order(values: dict[str, float], told: str) -> None:
+    with pytest.raises(TrackingError, match=re.escape(told)):
+        StateConfig(**values)  # type: ignore[arg-type]
 
 
 def test_methods_without_a_probability_need_no_proof() -> None:

@@ -15,7 +15,7 @@ from acp_lab.cad.part import Part
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS, choose_region
-from acp_lab.errors import GeometryError, PreparationError, TrackingError
+from acp_lab.errors import GeometryError, PreparationError, SequenceError, TrackingError
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
@@ -221,6 +221,16 @@ def test_several_parts_side_by_side(part: Part, model: PreparedPart) -> None:
     alone = Tracker(model, AS_DRAWN).run(MadeSequence(list(images), {3: truth[3]}), left).results[3]
     for a, b in zip(alone, run.results[3], strict=True):
         np.testing.assert_array_equal(a.cam_T_obj, b.cam_T_obj)
+
+
+def test_which_of_several_objects_is_tracked_has_to_be_said(model: PreparedPart, sequence: MadeSequence) -> None:
+    truth = truth_of(sequence)
+    two = MadeSequence(list(images_of(sequence)), {3: truth, 8: truth})
+    with pytest.raises(SequenceError, match="shows objects 3, 8: say which is tracked, such as object_id=3"):
+        Tracker(model, AS_DRAWN).run(two, truth[0])
+    run = Tracker(model, AS_DRAWN).run(two, truth[0], object_id=8, max_frames=2)
+    assert list(run.results) == list(run.parts) == list(run.starts) == [8]
+    assert len(run.results[8]) == 2
 
 
 # ---- what goes wrong -----------------------------------------------------------------------------------------

@@ -20,7 +20,15 @@ from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.tracker import Tracker
-from acp_lab.tracking.way_back import NEAR, PROPOSAL_WORK, SURE_QUALITY, WIDE_FRAMES, Reacquisition, Verdict
+from acp_lab.tracking.way_back import (
+    NEAR,
+    PROPOSAL_WORK,
+    SECOND_LOOKS,
+    SURE_QUALITY,
+    WIDE_FRAMES,
+    Reacquisition,
+    Verdict,
+)
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import add_percent, draw, poses, prepared
 
@@ -196,6 +204,17 @@ def test_the_pose_has_to_win_against_what_the_detector_finds(same: bool, score: 
     if expected[-1] is Verdict.WRONG:
         proposed = way_back.proposals(frame(9), ANYWHERE)
         assert [pose[0, 3] for pose in proposed] == [50.0]
+
+
+@pytest.mark.parametrize(("score", "looks"), [(0.9, 1), (0.2, 2)], ids=["at the first look", "at the last"])
+def test_a_part_that_was_believed_may_be_doubted_again(score: float, looks: int) -> None:
+    way_back, finder = searching(slices=5, score=score, budget=10_000.0)
+    finder.pose = np.eye(4)
+    for _ in range(3):
+        finder.asked.clear()
+        verdicts = [way_back.second_look(frame(index), ANYWHERE, ANYWHERE) for index in range(looks)]
+        assert verdicts == [Verdict.OPEN] * (looks - 1) + [Verdict.RIGHT]
+        assert finder.asked == [look.within_deg for look in SECOND_LOOKS[:looks]]
 
 
 def test_a_doubtful_return_teaches_nothing_and_is_lost_again_when_it_is_wrong(

@@ -24,6 +24,7 @@ import numpy as np
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.compiled import kernel
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.geometry.pose_kernels import eliminate
 
@@ -73,6 +74,18 @@ class OffsetConfig:
     largest: float = 0.8
     follow_rate: float = 0.2
     follow_noise: float = 0.4
+
+    def __post_init__(self) -> None:
+        # What is divided by.
+        for name in ("edge_spread_px", "cell_in_diameters", "sample_inertia", "cell_inertia", "class_inertia"):
+            if not 1e-6 <= getattr(self, name) <= 1e6:
+                raise TrackingError(f"learning.offsets.{name} = {getattr(self, name):g}: give a number above 0")
+        for name in ("scatter_rate", "follow_rate"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise TrackingError(f"learning.offsets.{name} = {getattr(self, name):g}: give 0 to 1")
+        if not 0.0 <= self.inner_limits[0] <= self.inner_limits[1]:
+            limits = list(self.inner_limits)
+            raise TrackingError(f"learning.offsets.inner_limits = {limits}: give the least, then the most")
 
     def expected_mm(self, edge_break_mm: float) -> float:
         """Where outlines are expected beside the CAD's, outward, before any was measured."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from acp_lab.cad.edges import EdgeSamples, facing, sample_edges
 from acp_lab.control_points.canonical_frame import eye_position
+from acp_lab.errors import TrackingError
 from acp_lab.generator.base import image_tangents
 from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
@@ -292,6 +295,19 @@ def test_what_was_measured_moves_with_the_traits() -> None:
     moved, measured = (each.expect(ids, outline, directions).offsets_mm for each in (before, after))
     np.testing.assert_allclose(moved, measured, atol=1e-9)
     assert np.abs(moved - first.offsets_mm).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"class_inertia": 0.0}, {"cell_inertia": 0.0}, {"sample_inertia": 0.0}, {"cell_in_diameters": 0.0},
+        {"edge_spread_px": float("nan")}, {"follow_rate": 1.5}, {"inner_limits": (1.0, 0.15)},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_nonsense_is_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(TrackingError, match=f"learning.offsets.{next(iter(values))} = "):
+        OffsetConfig(**values)
 
 
 def test_nothing_measured_nothing_moves() -> None:
