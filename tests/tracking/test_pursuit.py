@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -117,6 +118,28 @@ def test_a_proposal_that_was_not_taken_leaves_no_view_region_behind(
     pursuit.region = 2
     assert pursuit.best_of(frame, proposals, Stopwatch()) is None
     assert pursuit.region == 2
+
+
+def test_the_view_region_is_that_of_the_try_that_was_taken(
+    model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last level alone sees the part from region 4 and fits better than what all levels find, from region 2."""
+    pursuit, frame = Pursuit(FrameSolver(model, ACP)), next(sequence.frames())
+    assert isinstance(frame, Frame)
+    tries = iter([(4, 0.5), (2, 0.4)])
+
+    def tried(*_: Any) -> Any:
+        pursuit.region, score = next(tries)
+        return SimpleNamespace(score=score, estimate=SimpleNamespace(view=SimpleNamespace(region=pursuit.region)))
+
+    monkeypatch.setattr(pursuit.predictor, "is_sure", lambda _: True)
+    monkeypatch.setattr(pursuit, "sight", lambda *_: False)
+    monkeypatch.setattr(pursuit, "try_from", tried)
+    pursuit.predictor.restart(sequence.first_pose)
+    pursuit.usual.begin(1.0, 1.0)
+    _, found = pursuit.follow(frame, Stopwatch())
+    assert found is not None
+    assert (found.score, pursuit.region) == (0.5, 4)
 
 
 @dataclass
