@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from acp_lab.geometry.camera import Camera
     from acp_lab.preparation import prepare
     from acp_lab.prepared_part import PreparedPart, PrepareOptions
-    from acp_lab.sequences import open_sequence
+    from acp_lab.sequences import open_images, open_sequence, read_pose
     from acp_lab.tracking.find import Detection, detect
     from acp_lab.tracking.method import METHODS, Method
     from acp_lab.tracking.results_file import ResultsFile
@@ -56,8 +56,10 @@ __all__ = [
     "evaluate",
     "explain",
     "live",
+    "open_images",
     "open_sequence",
     "prepare",
+    "read_pose",
     "show",
     "snap",
 ]
@@ -78,8 +80,10 @@ _HOME = {
     "evaluate": "acp_lab.evaluation",
     "explain": "acp_lab.display.plots.diagnosis",
     "live": "acp_lab.display.widgets",
+    "open_images": "acp_lab.sequences",
     "open_sequence": "acp_lab.sequences",
     "prepare": "acp_lab.preparation",
+    "read_pose": "acp_lab.sequences",
     "show": "acp_lab.display.replay.viewer",
     "snap": "acp_lab.tracking.snap",
 }

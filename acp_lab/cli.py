@@ -75,7 +75,7 @@ def prepare(
     unit: Annotated[Unit, typer.Option(help="Of the numbers in PLY, OBJ and STL files.")] = Unit.MM,
     edge_break: Annotated[
         float | None,
-        typer.Option(min=0, help="Size of the part's broken edges in mm, when known.", metavar="MM"),
+        typer.Option(min=0, help="Size of the part's broken edges in mm; 0.25 if not given.", metavar="MM"),
     ] = None,
     edges: Annotated[
         EdgeSource, typer.Option(help="What the auto-encoder learns: the mesh's edges, or Canny on rendered normals.")
@@ -161,7 +161,7 @@ def track(
         str | None,
         typer.Option(
             help="Start poses: gt (the first frame's truth), auto (found in the images) or a results file; "
-            "with --video auto or a POSE.json.",
+            "with --video auto, a POSE.json or a results file.",
             metavar="gt|auto|FILE",
         ),
     ] = None,

@@ -226,7 +226,7 @@ def open_sequence(path: str | Path) -> BopScene:
     """
     path = Path(path)
     if path.is_file():
-        raise InputFileError(f"{path}: a file needs its camera: use VideoFile(path, Camera.from_json(...))")
+        raise InputFileError(f"{path}: a file needs its camera: use open_images(path, Camera.from_json('CAMERA.json'))")
     if not path.is_dir():
         raise InputFileError(f"{path}: no such folder: give a scene folder such as dataset/test/000001")
     if any((path / inside).exists() for inside in ("scene_camera.json", "scene_gt.json", *_IMAGE_FOLDERS)):

@@ -20,8 +20,8 @@
 `source.frame`, `edge_map.orientation_bins`, `schedule.shares`, `variables.direction` and `variables.lengths`;
 `acp-paper-literal` is without them. The two ablations of Table III are `acp-paper` with one part changed.
 `acp-paper-samples` reads no positions off the painted image: it gates the CAD's own edge samples. Any other sum of
-parts is a method too, by `dataclasses.replace` or from a TOML file (`method_file`). A sum in which some setting would
-be ignored is refused; `variables.lengths` is none, as CAD samples count by their length on the part with either.
+parts is a method too, by `dataclasses.replace` or from a TOML file (`method_file`). Parts that do not fit together are
+refused; a setting that another part makes idle is not, such as `learning.offsets.break_share` beside profiles.
 """
 
 from __future__ import annotations
