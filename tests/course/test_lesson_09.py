@@ -33,7 +33,7 @@ def test_states() -> None:
     [
         (lambda q: states(q, StateConfig(tracking_above=0.5)), "while the state is 'weak'"),
         (lambda q: states(q, StateConfig(patience=1)), "yours turns to 'lost'"),
-        (lambda q: states(q, StateConfig(found_above=0.2)), "while the state is 'lost'"),
+        (lambda q: states(q, StateConfig(found_above=0.25)), "while the state is 'lost'"),
         (lambda q: states(q, StateConfig(proof=1)), "while the state is 'lost'"),
         (lambda q: states(q)[1:], "one word for each"),
         (lambda q: "tracking", "one word for each"),
