@@ -59,6 +59,9 @@ class Camera:
     dist: tuple[float, ...] = _NO_DISTORTION
 
     def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy"):
+            # Whole numbers are typed by hand; compiled loops take no others than float64.
+            object.__setattr__(self, name, float(getattr(self, name)))
         if self.width < 1 or self.height < 1:
             raise GeometryError(f"camera size {self.width} x {self.height}: both must be at least 1 px")
         if not (math.isfinite(self.fx) and math.isfinite(self.fy) and self.fx > 0 and self.fy > 0):

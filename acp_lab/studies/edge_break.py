@@ -97,13 +97,13 @@ def _in_frame(
         views = EdgeViews(truth.edges, rows, outline, pose, frame.camera.fx)
         told = profiles.read(patch, at.points, at.normals, candidates, views, REACH_PX, 0.0)
         points_cam = transform(pose, truth.edges.points_obj[rows])
-        jacobian = step_jacobian(
-            points_cam, image_directions(points_cam, at.normals, frame.camera), transform(pose, truth.part.box_centre)
-        )
+        centre_cam = transform(pose, truth.part.box_centre)
+        jacobian = step_jacobian(points_cam, image_directions(points_cam, at.normals, frame.camera), centre_cam)
         chosen = np.arange(len(rows)), best[:, 0]
         residuals_px = np.where(candidates.scores[chosen] > LEAST_SCORE, (offsets + told.shifts_px)[chosen], np.nan)
+        slopes_px, spreads_px = told.slopes_px[chosen], told.spreads_px[chosen]
         profiles.traits.learn(
-            TraitEvidence(residuals_px, told.slopes_px[chosen], told.spreads_px[chosen], jacobian, float(pose[2, 3]))
+            TraitEvidence(residuals_px, slopes_px, spreads_px, jacobian, float(centre_cam[2]), told.told_with)
         )
         told = profiles.read(patch, at.points, at.normals, candidates, views, REACH_PX, 0.0)
         offsets = offsets + told.shifts_px

@@ -154,22 +154,24 @@ class ConstantVelocity(_LastPose):
         self._centre_obj = centre_obj
         self._rest_below = rest_below
         self._before: FloatArray | None = None
+        self._is_good = True  # the last pose
 
     def restart(self, cam_T_obj: FloatArray) -> None:
         """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
         super().restart(cam_T_obj)
-        self._before = None
+        self._before, self._is_good = None, True
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in the pose (4, 4) of a further frame."""
-        before = self._last
+        before, is_good = self._last if self._is_good else None, quality > self._rest_below
         self.restart(cam_T_obj)
-        if quality > self._rest_below:
-            self._before = before
+        # A velocity is a difference of two poses that both are believed.
+        self._before, self._is_good = before if is_good else None, is_good
 
     def coast(self) -> None:
         """A frame without an image: the motion goes on."""
-        self._before, self._last = self._last, self.predict()
+        if self._before is not None:
+            self._before, self._last = self._last, self.predict()
 
     @property
     def moves(self) -> bool:

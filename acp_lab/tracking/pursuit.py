@@ -26,7 +26,7 @@ from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.usual_fit import UsualFit
 
 # Share of the last score, or of the running mean where that is less, from which on a frame fits as usual.
-_USUAL = 0.92
+_USUAL = 0.90
 # From this share on no other place is tried.
 _AS_BEFORE = 0.98
 # By how much another try must score higher to be taken.
@@ -221,6 +221,7 @@ class Pursuit:
         variables = self.solver.method.variables
         if self.carried is None or not isinstance(variables, ControlPointVariables) or variables.carry == "pose":
             return None
-        ahead, behind = (view.at_pose(pose).control_points for pose in (view.prior, self.last))
+        # I is in px of the camera that it was found by, and cameras may differ from frame to frame.
+        ahead, behind = view.at_pose(view.prior).control_points, self.carried.view.at_pose(self.last).control_points
         near = view.prior if variables.direction == "rigid" else None  # where that direction goes on from
         return view.at_points(self.carried.control_points + ahead - behind, near)

@@ -116,14 +116,13 @@ class Problem:
         The mean over the measures by their precision, as if every edge point had full weight: robust weights change
         from estimate to estimate, and e is to be compared between these.
         """
+        precision = sum(measure.precision for measure in self.measures)
         try:
             edges = self.motion.edges(at)
+            prior = sum(prior.loss(at, max(precision * len(edges), _TINY)) for prior in self.priors)
         except GeometryError:
             return float("inf")
-        precision = sum(measure.precision for measure in self.measures)
-        image = sum(m.precision * m.measure(edges).loss for m in self.measures) / precision
-        total = max(precision * len(edges), _TINY)
-        return image + sum(prior.loss(at, total) for prior in self.priors)
+        return sum(m.precision * m.measure(edges).loss for m in self.measures) / precision + prior
 
     def information(self, at: Estimate) -> Information:
         """What the frame says at an estimate, without priors; GeometryError where it is degenerate."""

@@ -110,6 +110,9 @@ class TrustedStart:
     second_opinion: SecondOpinion | Off = field(default_factory=SecondOpinion)
 
     def __post_init__(self) -> None:
+        for name in ("largest_shift_px", "largest_scale"):
+            if not 1e-6 <= getattr(self, name) <= 1e6:
+                raise TrackingError(f"start.{name} = {getattr(self, name):g}: give more than 0")
         if not 0.0 <= self.bias_in_breaks <= 100.0:
             raise TrackingError(f"start.bias_in_breaks = {self.bias_in_breaks:g}: give 0 to 100")
         if not 0.0 <= self.surpassed <= 1.0:

@@ -210,7 +210,8 @@ def test_traits_are_those_that_a_tracker_finds() -> None:
     config = ProfileConfig()
     traits = EdgeTraits(2, config.evidence_share, config.trait_memory)
     px = np.array([*[0.1] * 3, *[20.0] * 2, 100.0])  # what is thought of each step beforehand, here 1 px
-    traits.learn(TraitEvidence(-shifts, found[:, 2:].astype(float), np.full(600, 0.2), jacobian / px, 500.0))
+    slopes, spreads = found[:, 2:].astype(float), np.full(600, 0.2)
+    traits.learn(TraitEvidence(-shifts, slopes, spreads, jacobian / px, 500.0, np.zeros(2)))
     np.testing.assert_allclose(traits.values, told, atol=0.03)
     np.testing.assert_allclose(traits.values, [0.8, -1.2], atol=0.1)
 

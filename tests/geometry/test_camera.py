@@ -111,6 +111,14 @@ def test_cameras_are_values(camera: Camera) -> None:
     assert hash(Camera(**GOOD)) == hash(Camera(**{**GOOD, "dist": tuple(GOOD["dist"])}))
 
 
+def test_whole_numbers_are_a_camera_like_any_other() -> None:
+    """Compiled loops take float64 alone."""
+    camera = Camera(640, 480, 600, 600, 320, 240)
+    assert camera == Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
+    assert camera.numbers.dtype == np.float64
+    assert Camera(640, 480, *np.float32([600, 600, 320, 240])).numbers.dtype == np.float64
+
+
 def test_a_crop_moves_pixels_by_its_corner(camera: Camera, rng: np.random.Generator) -> None:
     points = rng.uniform([-100, -100, 200], [100, 100, 900], (20, 3))
     crop = camera.cropped(37, 21, 200, 100)

@@ -22,8 +22,6 @@ def test_every_named_method_is_within_them(method: Method) -> None:
     ("lines", "told"),
     [
         ("[states]\npatience = 1000000000", "states.patience = 1e+09: give at most 100000"),
-        ("[start]\nlargest_shift_px = 0.0", "start.largest_shift_px = 0: give more than 0"),
-        ("[start]\nlargest_scale = 1e-300", "start.largest_scale = 1e-300: give more than 0"),
         ("[learning.offsets]\nlargest = inf", "learning.offsets.largest = inf: give at most 1e+06"),
         ("[learning.offsets]\ninner_power = 1e9", "learning.offsets.inner_power = 1e+09: give at most 10"),
         ("[learning.reliability]\nmiss_px = 1e300", "miss_px = 1e+300: give at most 1000"),
@@ -47,6 +45,8 @@ def test_what_is_beyond_them_is_named_with_the_file(lines: str, told: str, tmp_p
     [
         ("[start]\nturn_deg = inf", "start.turn_deg = inf: give 0 to 180"),
         ("[recovery.cloud]\nposes = 0", "recovery.cloud.poses = 0: give 1 to 10000"),
+        ("[start]\nlargest_shift_px = 0.0", "start.largest_shift_px = 0: give more than 0"),
+        ("[start]\nlargest_scale = 1e-300", "start.largest_scale = 1e-300: give more than 0"),
     ],
 )
 def test_what_is_no_cloud_is_named_with_the_file(lines: str, told: str, tmp_path: Path) -> None:

@@ -90,6 +90,31 @@ def test_the_motion_of_a_pose_that_fits_nothing_is_not_taken_on() -> None:
         assert motion.moves
 
 
+def test_no_velocity_is_taken_from_a_pose_that_fits_nothing() -> None:
+    """Nor is one in the frame after it, to which the step from there would be no motion of the part."""
+    step = np.array([0.1, 0, 0, 1.0, 0, 0])
+    path = [START]
+    for _ in range(5):
+        path.append(move_pose(path[-1], PART.box_centre, step))
+    motion = ConstantVelocity(PART.box_centre, rest_below=0.2)
+    motion.restart(path[0])
+    motion.observe(path[1], 0.9)
+    motion.observe(move_pose(path[2], PART.box_centre, np.array([0, 0, 1.0, 30.0, 0, 0])), 0.1)
+    motion.observe(path[3], 0.9)
+    assert not motion.moves
+    np.testing.assert_array_equal(motion.predict(), path[3])
+    motion.observe(path[4], 0.9)
+    np.testing.assert_allclose(motion.predict(), path[5], atol=1e-9)
+
+
+def test_a_part_at_rest_rests_through_a_frame_without_an_image() -> None:
+    motion = ConstantVelocity(PART.box_centre)
+    motion.restart(START)
+    motion.coast()
+    assert not motion.moves
+    np.testing.assert_array_equal(motion.predict(), START)
+
+
 def test_the_last_pose_is_all_that_counts() -> None:
     motion = LastPosePrediction().predictor(PART.box_centre)
     motion.restart(START)

@@ -19,6 +19,7 @@ from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.method import ACP, DIRECT_6DOF
 from acp_lab.tracking.motions import ControlPointVariables
 from acp_lab.tracking.pursuit import Pursuit
+from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.sources.rigid import CadSamples
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -85,6 +86,21 @@ def test_control_points_go_on_from_a_frame_that_was_seen_and_begin_anew_after_on
         np.testing.assert_allclose(starts[k], results[k - 1].control_points, atol=1e-6)
         assert np.abs(results[k].control_points - projected[k]).max() > 0.05
     np.testing.assert_allclose(starts[3], projected[2], atol=1e-6)
+
+
+def test_control_points_go_on_where_the_camera_changes(model: PreparedPart, sequence: MadeSequence) -> None:
+    """The second image is cut out of the whole one: I is the same points, in px of another camera."""
+
+    def followed(cut: int) -> TrackResult:
+        tracker, frames = Tracker(model, POINTS), list(sequence.frames(2))
+        tracker.start(frames[0], sequence.first_pose)  # type: ignore[arg-type]
+        second, width, height = frames[1], CAMERA.width - cut, CAMERA.height
+        assert isinstance(second, Frame)
+        camera = CAMERA.cropped(cut, 0, width, height)
+        return tracker.track(Frame(second.index, np.ascontiguousarray(second.image[:, cut:]), camera))
+
+    whole, cut = followed(0), followed(30)
+    np.testing.assert_allclose(cut.control_points + np.array([30.0, 0.0]), whole.control_points, atol=0.2)
 
 
 @pytest.mark.parametrize("other", [[1.0, 0.1, 0.3], [0.1, 0.2, -1.0]], ids=["from region 0", "from region 5"])

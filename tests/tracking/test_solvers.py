@@ -189,6 +189,16 @@ def test_a_step_into_a_degenerate_quad_ends_the_level(name: str, edges: Generate
     assert all(np.isfinite(estimate.cam_T_obj).all() for estimate in iterates)
 
 
+def test_the_loss_is_infinite_where_a_prior_is_degenerate(edges: GeneratedEdges) -> None:
+    class Folding:
+        def loss(self, at: Estimate, total: float) -> float:
+            raise GeometryError("three in line")
+
+    whole = problem(HomographyMotion(edges, START), KnownFit(edges))
+    assert np.isfinite(whole.loss(at(START)))
+    assert replace(whole, priors=(Folding(),)).loss(at(START)) == np.inf  # type: ignore[arg-type]
+
+
 def test_a_step_to_behind_the_camera_ends_the_level() -> None:
     class Backwards:
         def edges(self, at: Estimate) -> GeneratedEdges:

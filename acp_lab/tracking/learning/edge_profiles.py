@@ -207,11 +207,13 @@ class ProfileShifts:
         shifts_px: (n, m) along the samples' normals from the candidate to the CAD's edge; 0 for those not described.
         spreads_px: (n, m) standard deviation of that; 0 for those not described.
         slopes_px: (n, m, k) by how much each trait moves that place along the normals; 0 for those not described.
+        told_with: (k,) the part's traits that the shifts take for true.
     """
 
     shifts_px: FloatArray
     spreads_px: FloatArray
     slopes_px: FloatArray
+    told_with: FloatArray
 
     def spread_of_best(self, scores: FloatArray, offsets: FloatArray, sigma_px: float) -> FloatArray:
         """(n,) spread of the candidate that fits best, by scores and offsets (n, m); 0 where none was described."""
@@ -249,7 +251,7 @@ class EdgeProfiles:
                 self._network(profiles.features), self.traits.values, profiles.rows, profiles.columns, profiles.sides,
                 self.config.largest_px, self.config.spread_share, shifts, spreads, slopes,
             )  # fmt: skip
-        return ProfileShifts(shifts, spreads, slopes)
+        return ProfileShifts(shifts, spreads, slopes, self.traits.values)
 
 
 @lru_cache(maxsize=8)

@@ -43,6 +43,7 @@ class TraitEvidence:
         spreads_px: (n,) standard deviation of the told place; 0 where nothing was told.
         jacobian: (n, 6) motion along the normals by a pose step (rad, mm).
         depth_mm: of the part.
+        told_with: (k,) the traits by which the places were told.
     """
 
     residuals_px: FloatArray
@@ -50,6 +51,7 @@ class TraitEvidence:
     spreads_px: FloatArray
     jacobian: FloatArray
     depth_mm: float
+    told_with: FloatArray
 
 
 class EdgeTraits:
@@ -80,7 +82,8 @@ class EdgeTraits:
         if not self.are_learnt:
             return
         count = len(self.values)
-        usual_px = seen.residuals_px - seen.slopes_px @ self.values
+        # What was told with other traits than those of now, such as before these were forgotten, is taken back as told.
+        usual_px = seen.residuals_px - seen.slopes_px @ seen.told_with
         turn, distance_mm = np.radians(_TURN_DEG), _DISTANCE_SHARE * max(seen.depth_mm, 1.0)
         doubt = 1.0 / np.array([turn, turn, turn, _SHIFT_MM, _SHIFT_MM, distance_mm]) ** 2
         matrix, vector = np.empty((6 + count, 6 + count)), np.empty(6 + count)

@@ -16,6 +16,7 @@ from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, plain
+from acp_lab.geometry.pose import transform
 from acp_lab.imaging.edge_search import Candidates, ImagePatch
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
@@ -106,6 +107,13 @@ class Matches:
     shifts: ProfileShifts | None = None
 
     @property
+    def in_image(self) -> BoolArray:
+        """(n,) whether an edge lies in the image: of the others nothing can be found, and that says nothing of them."""
+        camera, points = self.at.view.camera, self.edges.points
+        inside = (points >= 0.0) & (points <= (camera.width - 1, camera.height - 1))
+        return np.asarray(inside.all(1))
+
+    @property
     def gradients(self) -> FloatArray:
         """(n,) grey levels per px of the chosen edges, along the normals."""
         chosen: FloatArray = self.candidates.gradients[np.arange(len(self.best)), self.best]
@@ -133,9 +141,10 @@ class Matches:
         if self.expected is not None:
             # Offsets that were measured know the part's traits already: edges are asked as if none had been.
             residuals_px = residuals_px + self.expected.offsets_px
-        shifts, depth_mm = self.shifts, float(self.at.cam_T_obj[2, 3])
+        shifts, centre_cam = self.shifts, transform(self.at.cam_T_obj, self.at.view.part.box_centre)
         return TraitEvidence(
-            residuals_px, shifts.slopes_px[chosen], shifts.spreads_px[chosen], self.jacobian, depth_mm
+            residuals_px, shifts.slopes_px[chosen], shifts.spreads_px[chosen], self.jacobian, float(centre_cam[2]),
+            shifts.told_with,
         )  # fmt: skip
 
 
@@ -234,7 +243,7 @@ class SampleKnowledge:
     def learn_traits(self, matches: Matches, afresh: bool = False) -> FloatArray:
         """Take in what a solved frame says of what the part's edges have in common; afresh: and nothing before it.
 
-        Returns (n,) px along the normals by which the chosen edges are told to lie elsewhere now.
+        Returns (n,) px along the normals by which the chosen edges are told to lie elsewhere than when they were.
         """
         evidence = matches.trait_evidence
         if self.profiles is None or evidence is None:
@@ -246,7 +255,7 @@ class SampleKnowledge:
         traits.learn(evidence)
         if self.offsets is not None:
             self.offsets.move(traits.values - before)
-        moved: FloatArray = evidence.slopes_px @ (traits.values - before)
+        moved: FloatArray = evidence.slopes_px @ (traits.values - evidence.told_with)
         return moved
 
     def measure_offsets(self, matches: Matches) -> None:
@@ -289,7 +298,8 @@ class SampleKnowledge:
             if matches.expected is not None:
                 self.offsets.follow(ids, outline, matches.expected, matches.sure_residuals_px)
         if self.reliability is not None:
-            self.reliability.learn(ids, outline, residuals_px)
+            inside = matches.in_image
+            self.reliability.learn(ids[inside], outline[inside], residuals_px[inside])
         if self.polarity is not None:
             rate = self.polarity.config.rate
             sure_px = matches.sure_residuals_px

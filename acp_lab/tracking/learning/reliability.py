@@ -39,7 +39,7 @@ class SampleReliability:
 
     def __init__(self, sample_count: int, config: ReliabilityConfig) -> None:
         self.config = config
-        self._mean_square = np.full((sample_count, 2), config.initial_px**2)
+        self._mean_square = np.full((sample_count, 2), float(config.initial_px) ** 2)
 
     def weights(self, ids: IntArray, outline: BoolArray) -> FloatArray:
         """(n,) in (0, 1] for samples `ids` (n,) with `outline` (n,) bool."""

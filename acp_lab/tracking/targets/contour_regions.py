@@ -81,6 +81,7 @@ class ContourMemory:
     """What is kept from frame to frame: the colours of the part and of its background, and the views met so far.
 
     off_obj: (n, 3) the sum of the two face normals of each edge sample, which points off the material.
+    has_looked: whether a frame was learnt from, also if no colours were seen there.
     """
 
     def __init__(self, config: ContourRegions, model: PreparedPart) -> None:
@@ -88,6 +89,7 @@ class ContourMemory:
         self.edges = model.edges
         self.off_obj = model.edges.off_obj
         self.colours = RegionColours(config.colours)
+        self.has_looked = False
         self.views = SparseViews(
             len(model.edges), model.part.box_centre, make_caster(model.part), config.reach_px, _RAY_STEP_PX
         )
@@ -99,6 +101,7 @@ class ContourMemory:
     def learn(self, lines: CorrespondenceLines) -> None:
         """Take in the colours beside the lines of a solved frame."""
         self.colours.learn(*lines.bins_beside(self.config.colours.reach_px))
+        self.has_looked = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,8 +307,9 @@ class ContourJudgement:
     @property
     def quality(self) -> float:
         """The margin, in [0, 1]; 1 in a first frame, of whose colours nothing is known that could speak against it."""
-        if not self.measure.target.crop.colours.is_known:
-            return 1.0
+        target = self.measure.target
+        if not target.crop.colours.is_known:
+            return 0.0 if target.memory.has_looked else 1.0
         return min(max(self.score, 0.0), 1.0)
 
     def learn(self, trusted: bool) -> None:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from acp_lab.compiled import kernel
-from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, Uint16Array, writable
+from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray, Uint16Array, writable
 from acp_lab.tracking.learning.region_colours import RegionColours, colour_bin
 
 # Places at which the step is tried, in segments about the line's middle, and the segments that each looks at.
@@ -78,6 +78,15 @@ class CorrespondenceLines:
     @cached_property
     def _least_free(self) -> FloatArray:
         return np.minimum(self.free[0], self.free[1])
+
+    @property
+    def in_image(self) -> BoolArray:
+        """(n,) whether a line of a px a segment lies in the image, and not partly beside it."""
+        height, width, _ = self.crop.pixels.shape
+        half = 0.5 * _SEGMENTS * np.abs(self.outward)
+        low, high = self._in_crop - half, self._in_crop + half
+        inside: BoolArray = (low.min(1) >= 0.0) & (high <= (width - 1, height - 1)).all(1)
+        return inside
 
     def posterior(self, scale: int, fade_px: float) -> FloatArray:
         """(2, n): px from the line's middle to where the part ends, and weights in [0, 1].

@@ -228,8 +228,9 @@ class ConfidenceJudgement:
     @cached_property
     def quality(self) -> float:
         """Mean confidence of the lines' surest edges; 1 in a first frame, of whose colours nothing is known."""
-        if not self.measure.target.colours.crop.colours.is_known:
-            return 1.0
+        target = self.measure.target.colours
+        if not target.crop.colours.is_known:
+            return 0.0 if target.memory.has_looked else 1.0
         confidence = self.measure.confidence_within(QUALITY_SIGMA_PX, self.moved)
         return float(confidence.mean()) if len(confidence) else 0.0
 

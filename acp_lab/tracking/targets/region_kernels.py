@@ -145,17 +145,20 @@ def mean_square_rest(
     return 0.5 * total / max(len(residuals), 1)
 
 
-@kernel("void(i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], f8, f8[::1])")
+@kernel("void(i8[::1], b1[::1], f8[::1], f8[::1], f8[::1], f8[::1], b1[::1], f8, f8[::1])")
 def follow_scatter(
-    ids: IntArray, found_px: FloatArray, weights: FloatArray, px_per_mm: FloatArray, offsets_mm: FloatArray,
-    known: BoolArray, rate: float, mean_square: FloatArray,
+    ids: IntArray, seen: BoolArray, found_px: FloatArray, weights: FloatArray, px_per_mm: FloatArray,
+    offsets_mm: FloatArray, known: BoolArray, rate: float, mean_square: FloatArray,
 ) -> None:  # fmt: skip
     """Move mean_square (px^2) of the samples `ids` on by how far beside the expected place n lines found the boundary.
 
-    found_px, weights: (n,) of the posteriors; px_per_mm: (n,); offsets_mm, known, mean_square: of all samples; rate:
+    seen: (n,) which lines lie in the image, the others say nothing; found_px, weights: (n,) of the posteriors;
+    px_per_mm: (n,); offsets_mm, known, mean_square: of all samples; rate:
     of known ones.
     """
     for n in range(len(ids)):
+        if not seen[n]:
+            continue
         i, square = ids[n], WORST
         if weights[n] > CLEAR:
             rest = found_px[n] - offsets_mm[i] * px_per_mm[n]

@@ -156,7 +156,7 @@ class RegionMemory:
         self.margin = 0.0
         count = len(model.edges)
         self.offsets_mm = np.zeros(count)
-        self.mean_square = np.full(count, config.unknown_px**2)
+        self.mean_square = np.full(count, float(config.unknown_px) ** 2)
         self.known = np.zeros(count, bool)
         self._unseen = np.flatnonzero(~model.edges.crease)
         self.free = FreeLengths(np.zeros(3), np.full((2, count), np.nan))
@@ -188,20 +188,21 @@ class RegionMemory:
             self._calibrate(lines, trusted)
 
     def _calibrate(self, lines: CorrespondenceLines, trusted: bool) -> None:
-        ids = lines.ids
+        ids, seen = lines.ids, lines.in_image
         found_px, weights = lines.posterior(1, self.config.fade_px)
         if trusted:
-            near = (weights > CLEAR) & (np.abs(found_px) < 3.0)
+            near = seen & (weights > CLEAR) & (np.abs(found_px) < 3.0)
             offsets = np.clip(0.8 * found_px / lines.px_per_mm, -0.6, 0.6)
             # What was not seen lies, for all that is known, half as far as the others.
             self.offsets_mm[:] = 0.5 * np.median(offsets[near]) if near.sum() > 10 else 0.0
             self.offsets_mm[ids[near]] = offsets[near]
-            self.mean_square[ids] = np.where(near, 0.5, WORST)
+            self.mean_square[ids[seen]] = np.where(near[seen], 0.5, WORST)
         else:
             follow_scatter(
-                ids, found_px, weights, lines.px_per_mm, self.offsets_mm, self.known, self.config.calibration_rate,
-                self.mean_square,
+                ids, seen, found_px, weights, lines.px_per_mm, self.offsets_mm, self.known,
+                self.config.calibration_rate, self.mean_square,
             )  # fmt: skip
+        ids = ids[seen]
         smooth = ids[~self.edges.crease[ids]]
         known = int(np.count_nonzero(self.known[smooth]))
         self.known[ids] = True

@@ -18,6 +18,8 @@ from acp_lab.tracking.frame_view import Estimate
 
 # 642 views, some 8 degrees apart: lengths need not be exact, and rays for a new view are the dearest part of a frame.
 _SUBDIVISIONS = 3
+# What was found is kept until lines of as many px are longer than this tells.
+_SAME_SCALE = 0.85
 
 
 class SparseViews:
@@ -30,18 +32,21 @@ class SparseViews:
         self._views_obj = np.asarray(trimesh.creation.icosphere(subdivisions=_SUBDIVISIONS).vertices, np.float64)
         self._samples, self._box_centre, self._caster = samples, box_centre, caster
         self._way_px = np.arange(step_px, reach_px + 0.1, step_px)
-        self._free_mm: dict[int, FloatArray] = {}
+        self._free_mm: dict[int, tuple[float, FloatArray]] = {}
 
     def free_mm(self, at: Estimate) -> FloatArray:
         """(2, samples) mm to where the part ends inwards, and begins again outwards, in the nearest view.
 
-        at: the estimate whose view is meant. NaN where nobody asked yet, see `look_along`.
+        at: the estimate whose view is meant. NaN where nobody asked yet, see `look_along`, or only from much nearer:
+        lines are looked along for so many px, and so for shorter lengths there.
         """
         eye_obj = eye_position(at.cam_T_obj) - self._box_centre
         view = int(np.argmax(self._views_obj @ eye_obj))
-        known = self._free_mm.get(view)
-        if known is None:
-            known = self._free_mm[view] = np.full((2, self._samples), np.nan)
+        mm_per_px = float(np.linalg.norm(eye_obj)) / at.view.camera.fx
+        asked_at, known = self._free_mm.get(view, (0.0, None))
+        if known is None or mm_per_px * _SAME_SCALE > asked_at:
+            known = np.full((2, self._samples), np.nan)
+            self._free_mm[view] = mm_per_px, known
         return known
 
     def look_along(

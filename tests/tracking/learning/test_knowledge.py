@@ -193,7 +193,7 @@ def told(matches: Matches, residual_px: float, slope_px: float) -> Matches:
     slopes[:, 0, 0] = np.where(np.arange(n) % 2, slope_px, -slope_px)
     residuals = residual_px * np.sign(slopes[:, 0, 0])
     spreads = np.full(matches.candidates.scores.shape, 0.2)
-    shifts = ProfileShifts(np.zeros_like(spreads), spreads, slopes)
+    shifts = ProfileShifts(np.zeros_like(spreads), spreads, slopes, np.zeros(1))
     return replace(matches, residuals_px=residuals, sure_residuals_px=residuals, shifts=shifts)
 
 
@@ -202,6 +202,23 @@ def knows_one_trait(broken: PreparedPart) -> SampleKnowledge:
     assert knowledge.profiles is not None
     knowledge.profiles.traits = EdgeTraits(1, 0.2, 0.7)
     return knowledge
+
+
+def test_what_lies_beside_the_image_is_not_unreliable(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate
+) -> None:
+    knowledge = SampleKnowledge(ALL, broken)
+    assert knowledge.reliability is not None
+    before = knowledge.reliability.weights(edges.sample_ids, edges.outline)
+    shifted = replace(edges, points=edges.points - [np.median(edges.points[:, 0]), 0.0])
+    seen = matches(knowledge, shifted, at)
+    beside = shifted.points[:, 0] < 0.0
+    missing = replace(seen, residuals_px=np.full(len(edges), np.nan))
+    knowledge.learn(missing)
+    after = knowledge.reliability.weights(edges.sample_ids, edges.outline)
+    np.testing.assert_array_equal(after[beside], before[beside])
+    assert (after[~beside] < before[~beside]).all()
+    assert 0.3 < beside.mean() < 0.7
 
 
 def test_traits_are_told_by_edges_as_if_no_offsets_were_measured(

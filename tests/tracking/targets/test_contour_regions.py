@@ -12,7 +12,7 @@ from acp_lab.cad.raycast import hit_map, make_caster
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import disturb_pose
+from acp_lab.geometry.pose import disturb_pose, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
@@ -22,6 +22,7 @@ from acp_lab.tracking.motions import PoseVariables
 from acp_lab.tracking.priors import TikhonovPrior
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets.contour_regions import ContourRegions, ContourTarget
+from acp_lab.tracking.targets.correspondence_lines import CorrespondenceLines
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.step_posterior import PLACES, SEGMENTS, WINDOW, SmoothStep, fill_posteriors
 from acp_lab.tracking.tracker import Tracker
@@ -195,6 +196,41 @@ def test_the_method_follows_a_part_in_two_colours(part: Part, model: PreparedPar
     assert np.median(off) < 1.5
     assert max(still) > 8.0
     assert result.quality > 0.8
+
+
+def at_distance(part: Part, cam_T_obj: FloatArray, times: float) -> FloatArray:
+    """The pose at so many times its distance."""
+    moved = cam_T_obj.copy()
+    moved[:3, 3] += (times - 1.0) * transform(cam_T_obj, part.box_centre)
+    return moved
+
+
+def test_a_part_that_was_first_seen_near_has_lines_far_away(part: Part, model: PreparedPart, truth: FloatArray) -> None:
+    """Looked along for so many px, lines of a near part are known to be free for few mm only."""
+    far, near = at_distance(part, truth, 1.5), at_distance(part, truth, 0.7)
+
+    def lines_far_away(first: FloatArray | None) -> int:
+        solver, _ = looked_at(model, painted(part, truth), truth)
+        for pose in (far,) if first is None else (first, far):
+            seen = solver.look(painted(part, pose), CAMERA, pose, 4)
+            assert seen is not None
+            target, at = seen.targets[0], seen.view.at_pose(pose)
+            assert isinstance(target, ContourTarget)
+            lines = target.lines(solver.source.generate(at, 300), at)
+        return int((lines.free.min(0) >= 18.0).sum())
+
+    assert lines_far_away(None) > 50
+    assert lines_far_away(near) > 0.9 * lines_far_away(None)
+
+
+def test_of_a_part_whose_outline_is_never_seen_nothing_is_known(
+    part: Part, model: PreparedPart, truth: FloatArray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a close-up that shows no outline, and so no colours beside it."""
+    monkeypatch.setattr(CorrespondenceLines, "bins_beside", lambda *_: (np.zeros(0, np.int64),) * 2)
+    tracker = Tracker(model, "region")
+    tracker.start(Frame(0, painted(part, truth), CAMERA), truth)
+    assert tracker.track(Frame(1, painted(part, truth), CAMERA)).quality == 0.0
 
 
 def test_a_colour_like_the_ground_lowers_the_quality(part: Part, model: PreparedPart, truth: FloatArray) -> None:

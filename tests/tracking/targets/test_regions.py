@@ -387,6 +387,29 @@ def test_lines_that_were_never_steady_hardly_count_at_fine_levels(
     assert coarse[crease].max() > 0.3
 
 
+def test_lines_beside_the_image_say_nothing_of_how_steady_they_are(
+    part: Part, model: PreparedPart, truth: FloatArray
+) -> None:
+    """Half of the part leaves the image: what is not seen there is neither unsteady nor steady."""
+    looked = looked_at(model, painted(mask_of(part, truth)), truth)
+    looked.learn(truth)
+    for _ in range(25):
+        looked.learn(truth, trusted=False)
+    memory, before = looked.memory, looked.memory.mean_square.copy()
+    aside, centre_cam = truth.copy(), transform(truth, part.box_centre)
+    aside[0, 3] += centre_cam[2] * (CAMERA.width - CAMERA.project(centre_cam[None])[0, 0]) / CAMERA.fx
+    seen = looked.solver.look(painted(mask_of(part, aside)), CAMERA, aside, 4)
+    assert seen is not None
+    there = Looked(looked.solver, seen)
+    lines = there.lines(aside)
+    outside = lines.ids[(lines.points[:, 0] > CAMERA.width) & memory.known[lines.ids]]
+    assert len(outside) > 20
+    assert not lines.in_image[lines.points[:, 0] > CAMERA.width].any()
+    for _ in range(5):
+        there.learn(aside, trusted=False)
+    np.testing.assert_array_equal(memory.mean_square[outside], before[outside])
+
+
 def test_later_frames_say_how_steadily_the_boundary_was_found(part: Part, taught: Looked, truth: FloatArray) -> None:
     memory = taught.memory
     ids = taught.lines(truth).ids
