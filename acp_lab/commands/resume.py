@@ -7,7 +7,7 @@ anew in the last frame whose rows are whole, from their poses; what it had learn
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
@@ -20,6 +20,7 @@ from acp_lab.input_file import read_json_object
 from acp_lab.prepared_part import part_folder
 from acp_lab.prepared_part.integrity import checksum
 from acp_lab.sequences.images import VideoFile
+from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence as Frames
 from acp_lab.sequences.rest import RestOfSequence
 from acp_lab.sequences.results_csv import ResultRow, rows_with_ends, run_info_path
@@ -36,6 +37,7 @@ class Resumption:
         done: ids of the scenes that are complete.
         scene_id, im_id: the image whose rows are the last ones kept, of the scene that is not; None between scenes.
         starts: (4, 4) cam_T_obj by object id in that image.
+        again: how many whole frames stand behind it and are tracked again, as an object was not seen in any of them.
         rows: those that are kept. info: what results.run.json said of the run that made them.
     """
 
@@ -44,6 +46,7 @@ class Resumption:
     scene_id: int | None = None
     im_id: int | None = None
     starts: Mapping[int, FloatArray] | None = None
+    again: int = 0
     rows: tuple[ResultRow, ...] = ()
     info: Mapping[str, Any] = field(default_factory=dict)
 
@@ -70,11 +73,13 @@ class Resumption:
         """One line: what happens."""
         if not is_left:
             return "--resume: all frames have their rows already, nothing is tracked"
+        frames = "1 frame" if self.again == 1 else f"{self.again} frames"
+        again = f"; tracks {frames} again in which not all objects were seen" if self.again else ""
         if self.im_id is None:
-            return f"--resume: scenes {', '.join(map(str, sorted(self.done)))} have their rows already"
+            return f"--resume: scenes {', '.join(map(str, sorted(self.done)))} have their rows already{again}"
         return (
-            f"--resume: goes on behind scene {self.scene_id}, image {self.im_id}, from its pose; what the tracker had "
-            "learnt before is not kept"
+            f"--resume: goes on behind scene {self.scene_id}, image {self.im_id}, from its pose{again}; what the "
+            "tracker had learnt before is not kept"
         )
 
 
@@ -97,7 +102,8 @@ def resumption(
     """Where to go on with a results file; None to begin anew, where it has no whole rows.
 
     Raises:
-        InputFileError: it was made from something else, or cannot be read.
+        InputFileError: it was made from something else, cannot be read, or has a scene that ends too early and is not
+            the last one.
         SequenceError: a sequence that does not announce its frames, such as a live camera.
     """
     for job in jobs:
@@ -111,11 +117,19 @@ def resumption(
     if not rows:
         return None
     info = _same_inputs(results, inputs)
-    by_scene = {job.sequence.scene_id: job for job in jobs}
+    by_scene = _by_scene(results, jobs)
     last: Resumption | None = None
     done: set[int] = set()
+    before: int | None = None
+    frames = 0
     for (scene_id, im_id), group in groupby(rows, key=lambda row: row[0].key[:2]):
         of_frame = tuple(group)
+        if before not in (None, scene_id, *done):  # its rest would come behind another scene, or twice
+            raise InputFileError(
+                f"{results}: cannot be resumed: scene {before} ends after {frames} frames, and scene {scene_id} "
+                f"follows: it was run with another --max-frames or order of scenes: {ANEW}"
+            )
+        before, frames = scene_id, frames + 1 if scene_id == before else 1
         if scene_id not in by_scene or im_id not in by_scene[scene_id].sequence.frame_ids:
             raise InputFileError(f"{results}: has scene {scene_id}, image {im_id}, which is not tracked: {ANEW}")
         found, job = tuple(row for row, _ in of_frame), by_scene[scene_id]
@@ -126,9 +140,24 @@ def resumption(
             last = Resumption(of_frame[-1][1], frozenset(done))
         elif all(row.score > 0.0 for row in found):  # the part was seen, so that a tracker can start there
             last = Resumption(of_frame[-1][1], frozenset(done), scene_id, im_id, _poses(found))
+        elif last is not None:
+            last = replace(last, again=last.again + 1)
     return (
         None if last is None else replace(last, rows=tuple(r for r, end in rows if end <= last.keep_bytes), info=info)
     )
+
+
+def _by_scene(results: Path, jobs: Sequence[SceneJob]) -> dict[int, SceneJob]:
+    by_scene: dict[int, SceneJob] = {}
+    for job in jobs:
+        other = by_scene.setdefault(job.sequence.scene_id, job)
+        if other is not job:  # of `--init auto`: one set of rows behind the other, and an image in both
+            first, second = (f"object {', '.join(map(str, sorted(one.starts)))}" for one in (other, job))
+            raise InputFileError(
+                f"{results}: cannot be resumed: in scene {job.sequence.scene_id}, {first} and {second} start in "
+                f"different images: {ANEW}"
+            )
+    return by_scene
 
 
 def _poses(rows: Sequence[ResultRow]) -> dict[int, FloatArray]:
@@ -152,15 +181,22 @@ def _frames_in_words(frames: Frames) -> list[Any]:
     while isinstance(frames, RestOfSequence):
         frames = frames.sequence
     paths = getattr(frames, "image_paths", None)
-    files = paths.values() if isinstance(paths, Mapping) else paths or ()
+    files = list(paths.values() if isinstance(paths, Mapping) else paths or ())
+    codings = _codings(files)
     if isinstance(frames, VideoFile):
         files = [frames.path]
     camera = getattr(frames, "camera", None)
     cameras = [camera(frame_id) for frame_id in frames.frame_ids] if callable(camera) else [camera]
-    return [*(str(one) for one in cameras), *_sizes(files)]
+    return [*(str(one) for one in cameras), *_sizes(files), *codings]
 
 
-def _sizes(files: Any) -> Iterator[tuple[str, int]]:
+def _codings(files: Iterable[Path]) -> list[str]:
+    """What pixels.json says beside images; nothing where it says nothing, so that older runs can be resumed."""
+    codings = {folder: PixelCoding.beside(folder) for folder in dict.fromkeys(path.parent for path in files)}
+    return [str(coding) for coding in codings.values() if coding != PixelCoding()]
+
+
+def _sizes(files: Iterable[Path]) -> Iterator[tuple[str, int]]:
     for path in files:
         yield path.name, path.stat().st_size if path.exists() else -1
 

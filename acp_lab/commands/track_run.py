@@ -208,7 +208,9 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
     before = {} if go_on is None else {job.sequence.scene_id: seen_before(go_on, job, method.states) for job in jobs}
     if go_on is not None:
         info |= {name: go_on.kept(name) for name in ("searches", "unreadable")}
-        jobs = [rest for job in jobs if (rest := go_on.rest_of(job)) is not None]
+        # The scene that was begun comes first, whatever the order now: its rows are the last ones of the file.
+        in_order = sorted(jobs, key=lambda job: job.sequence.scene_id != go_on.scene_id)
+        jobs = [rest for job in in_order if (rest := go_on.rest_of(job)) is not None]
         info["resumed_after"] = {"scene_id": go_on.scene_id, "im_id": go_on.im_id}
         console.note(go_on.told(bool(jobs)))
         if not jobs:

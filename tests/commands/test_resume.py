@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acp_lab.commands import track_run
+from acp_lab.commands import auto_start, track_run
 from acp_lab.sequences import read_results
 from acp_lab.sequences.results_csv import rows_with_ends
 from tests.cli_runner import Outcome, assert_one_error, run
@@ -86,7 +86,7 @@ def test_frames_without_sight_are_tracked_again(
     out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 3 * PER_FRAME)
     outcome = track(capsys, dataset, parts, out, "--resume")
     assert outcome.status == 0
-    assert "image 2" in outcome.err
+    assert "image 2, from its pose; tracks 1 frame again in which not all objects were seen" in outcome.err
     assert keys(out) == keys(tmp_path / "whole.csv")
 
 
@@ -136,6 +136,52 @@ def test_several_scenes_and_fewer_frames(capsys: pytest.CaptureFixture[str], par
         assert keys(out) == keys(tmp_path / "whole.csv")
 
 
+@pytest.mark.parametrize(
+    ("before", "now"),
+    [
+        (("--max-frames", "3"), ("--max-frames", "5")),
+        (("--max-frames", "3"), ()),
+    ],
+)
+def test_a_scene_that_ends_too_early_is_refused(
+    capsys: pytest.CaptureFixture[str], parts: Path, tmp_path: Path, before: tuple[str, ...], now: tuple[str, ...]
+) -> None:
+    """Its rest would be tracked from its first frame on, behind the other scene: rows that nobody can read."""
+    dataset = write_dataset(tmp_path / "two", scenes=(1, 3), object_ids=(1,))
+    out = tmp_path / "results.csv"
+    assert track(capsys, dataset, parts, out, *before).status == 0
+    rows = out.read_bytes()
+    outcome = track(capsys, dataset, parts, out, "--resume", *now)
+    assert_one_error(outcome, "results.csv", "scene 1 ends after 3 frames", "--max-frames", "run without --resume")
+    assert out.read_bytes() == rows
+
+
+def test_scenes_in_another_order(capsys: pytest.CaptureFixture[str], parts: Path, tmp_path: Path) -> None:
+    """The scene that was begun goes on first, so that the file can be cut off and resumed once more."""
+    dataset = write_dataset(tmp_path / "two", scenes=(1, 3), object_ids=(1,))
+    assert track(capsys, dataset, parts, tmp_path / "whole.csv", "--scene", "3", "--scene", "1").status == 0
+    out, other_order = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 2), ("--scene", "1", "--scene", "3")
+    assert track(capsys, dataset, parts, out, "--resume", *other_order).status == 0
+    assert keys(out) == keys(tmp_path / "whole.csv")
+    again = cut(out, tmp_path / "again.csv", 3)
+    assert track(capsys, dataset, parts, again, "--resume", *other_order).status == 0
+    assert keys(again) == keys(out)
+
+
+def test_objects_that_start_in_different_images(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As --init auto finds them: such a run is refused for what it is, not for rows that would be wrong."""
+    found = [auto_start.FoundStart(im_id, {obj: true_pose(im_id, obj)}) for im_id, obj in ((0, 1), (3, 4))]
+    monkeypatch.setattr(auto_start, "find_starts", lambda sequence, models: found)
+    out, words = tmp_path / "results.csv", ("--init", "auto", "--resume")
+    assert track(capsys, dataset, parts, out, *words).status == 0
+    rows = out.read_bytes()
+    outcome = track(capsys, dataset, parts, out, *words)
+    assert_one_error(outcome, "in scene 1, object 1 and object 4 start in different images", "run without --resume")
+    assert out.read_bytes() == rows
+
+
 def test_a_video(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
     CAMERA.to_json(tmp_path / "camera.json")
     pose = true_pose(0)
@@ -169,6 +215,10 @@ def other_image(dataset: Path, parts: Path) -> None:
     shutil.copy(folder / "000000.png", folder / "000006.png")
 
 
+def say_other_pixels(dataset: Path, parts: Path) -> None:
+    write_json(dataset / "test" / "000001" / "rgb" / "pixels.json", {"bits": 12})
+
+
 def prepare_again(dataset: Path, parts: Path) -> None:
     from acp_lab.cad.part import Part
     from acp_lab.preparation import prepare
@@ -184,6 +234,7 @@ def prepare_again(dataset: Path, parts: Path) -> None:
         (edit_truth, (), "scene 1, the start pose of object 4 differs"),
         (remove_image, (), "scene 1, its images or camera differs"),
         (other_image, (), "scene 1, its images or camera differs"),
+        (say_other_pixels, (), "scene 1, its images or camera differs"),
         (prepare_again, (), "the prepared part obj_000004 differs"),
         (None, ("--method", "acp-edges"), "the method differs"),
         (None, ("--object", "1"), "object 4 differs"),
