@@ -2,7 +2,8 @@
 
 A file is named TRACKER__DATASET.csv, or TRACKER.csv where there is one data set. Its tracker is taken to have started
 from the first frame's truth, to have used every frame and to have been reset never. A frame without a row is a
-failure; a sequence without any row was not run, and does not count for that tracker.
+failure; a sequence without any row was not run, and does not count for that tracker. Scores of the format are free;
+beyond [0, 1], where ours lie, they are brought to its ends.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def _run(
     poses, scores = np.full((count, 3, 4), math.nan), np.zeros(count)
     for i, frame_id in enumerate(truth):
         if frame_id in rows:
-            poses[i], scores[i] = rows[frame_id].cam_T_obj[:3], rows[frame_id].score
+            poses[i], scores[i] = rows[frame_id].cam_T_obj[:3], min(max(rows[frame_id].score, 0.0), 1.0)
     camera = scene.camera(scene.frame_ids[0])
     return Run(
         tracker, "", SequenceKey(dataset_name(dataset.root), scene_id, object_id), Variant(), kind_of(scene.folder),

@@ -191,5 +191,7 @@ def digest(*words: str) -> str:
 def _sources() -> str:
     package = Path(acp_lab.__file__).parent
     files = [package / name for name in _SOURCES if name.endswith(".py")]
-    files += sorted(path for name in _SOURCES for path in (package / name).rglob("*.py"))
+    # What networks have learnt decides as much as what is written around them.
+    kinds = ("*.py", "*.safetensors")
+    files += sorted(path for name in _SOURCES for kind in kinds for path in (package / name).rglob(kind))
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -80,13 +80,16 @@ class Report:
         for (group, how), rows in groupby(self.rows, key=lambda row: (row.group, str(_shared(row.variant)))):
             yield group, how, list(rows)
 
-    def write(self, folder: Path) -> None:
-        """bench.csv, bench.json, bench.md, and the poses as results/METHOD__DATASET.csv; InputFileError."""
+    def write(self, folder: Path, given: Iterable[Path] = ()) -> None:
+        """bench.csv, bench.json, bench.md, and the poses as results/METHOD__DATASET.csv; InputFileError.
+
+        given: results files of outside trackers, which stay as they are where they lie in results/ already.
+        """
         write_whole(folder / "bench.csv", _csv(self).encode(), "the table")
         told = {"machine": self.machine, "methods": self.methods, "rows": flat_rows(self), "basins": flat_basins(self)}
         write_json(folder / "bench.json", told)
         write_whole(folder / "bench.md", markdown(self).encode(), "the tables")
-        _write_poses(self.runs, folder / "results")
+        _write_poses(self.runs, folder / "results", {path.resolve() for path in given})
 
 
 def markdown(report: Report) -> str:
@@ -198,13 +201,15 @@ def _csv(report: Report) -> str:
     return text.getvalue()
 
 
-def _write_poses(runs: Sequence[Run], folder: Path) -> None:
+def _write_poses(runs: Sequence[Run], folder: Path, given: Set[Path]) -> None:
     """In the BOP results format, of runs from truth on every frame; they serve as --results-from again."""
     by_file: dict[str, list[Run]] = {}
     for run in runs:
         if run.variant == Variant() and not run.sequence.instance:
             by_file.setdefault(f"{run.method.replace(' ', '_')}__{run.sequence.dataset}.csv", []).append(run)
     for name, members in by_file.items():
+        if (folder / name).resolve() in given:  # it says more than we read: frames without truth, what its run was
+            continue
         with ResultsWriter(folder / name) as results:
             for row in sorted((row for run in members for row in run.rows), key=lambda row: row.key):
                 results.append(row)

@@ -12,17 +12,19 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from acp_lab.sequences.bop import BopDataset, image_files
+from acp_lab.sequences.pixel_coding import FILE_NAME
 
 _SCENE_FILES = ("scene_camera.json", "scene_gt.json", "scene_meta.json")
 
 
 def scene_look(dataset: BopDataset, scene_id: int, split: str) -> str:
-    """Changes with the images, cameras, truth and kind of a scene.
+    """Changes with the images, what their pixels mean, cameras, truth and kind of a scene.
 
     Raises InputFileError or SequenceError where there is no such scene, or it has no images.
     """
     folder = dataset.scene_folder(scene_id, split)
-    return _look([*image_files(folder).values(), *(folder / name for name in _SCENE_FILES)])
+    images = list(image_files(folder).values())
+    return _look([*images, images[0].parent / FILE_NAME, *(folder / name for name in _SCENE_FILES)])
 
 
 def model_look(dataset: BopDataset, object_id: int) -> str:

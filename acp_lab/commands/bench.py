@@ -119,7 +119,7 @@ def run_bench(options: BenchOptions) -> None:
         if not any(len(run.frame_ids) for run in runs):
             raise InputFileError(f"{next(iter(roots.values()))}: no frame but the first has truth: nothing to compare")
         report = Report.of(runs, f"{cpu_model()}, {cores()} cores; one thread per run")
-        report.write(options.out)
+        report.write(options.out, options.results_from)
         _write_page(report, roots, tasks, options)
     _print(report, options.out)
 

@@ -26,7 +26,8 @@ def prepare_missing(
     """Prepare what the methods need of a data set's parts into a folder.
 
     Raises:
-        PreparationError: what is missing is no part, such as the environment of cv2.rapid.
+        PreparationError: what is missing is no part, such as the environment of cv2.rapid; or the folder holds a part
+            of another mesh or unit.
     """
     from acp_lab.commands.prepare import prepare_parts
     from acp_lab.prepared_part import PrepareOptions
@@ -39,7 +40,11 @@ def prepare_missing(
         names = meshes[0].name if len(meshes) == 1 else f"{len(meshes)} parts"
         print(f"Preparing {names} ({generator}; once, then kept) ...", flush=True)
         frame = next(iter(painting_frames(own)), PrepareOptions.painting_frame)
-        prepare_parts(meshes, parts, PrepareOptions(generator=generator, painting_frame=frame), spread=spread)
+        options = PrepareOptions(generator=generator, painting_frame=frame)
+        try:
+            prepare_parts(meshes, parts, options, spread=spread)
+        except PreparationError as error:  # it speaks of options that a bench does not have
+            raise PreparationError(f"{error} (options of acp-lab prepare; or give bench another --parts)") from None
 
 
 def check_painting(methods: Sequence[Method | str]) -> None:

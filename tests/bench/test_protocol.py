@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import acp_lab
+from acp_lab.bench import protocol
 from acp_lab.bench.protocol import SequenceKey, Task, Variant, dataset_name, task_of
 from acp_lab.bench.record import read_run
 from acp_lab.errors import InputFileError, ParameterError, SequenceError
@@ -158,6 +160,29 @@ def test_data_that_somebody_touched_is_another_state(dataset: Path, name: str, m
     path.write_bytes(path.read_bytes() + b"\n")
     os.utime(path, ns=(told.st_atime_ns, told.st_mtime_ns))  # the same moment, another size
     assert len({before, touched, task.state}) == 3
+
+
+def test_another_meaning_of_pixels_is_another_state(dataset: Path) -> None:
+    task = task_of(dataset, "test", dataset / "parts", SequenceKey("data", 1, 1), ACP, Variant())
+    states = [task.state]
+    for bits in (10, 12):
+        path = dataset / "test" / "000001" / "rgb" / "pixels.json"
+        path.write_text(json.dumps({"bits": bits}))
+        os.utime(path, ns=(0, bits))
+        states.append(task.state)
+    assert len(set(states)) == 3
+
+
+def test_other_weights_of_a_network_are_another_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    weights = tmp_path / "tracking" / "learning" / "edge_profiles.safetensors"
+    weights.parent.mkdir(parents=True)
+    monkeypatch.setattr(protocol, "_SOURCES", ("tracking",))
+    monkeypatch.setattr(acp_lab, "__file__", str(tmp_path / "__init__.py"))
+    sources = []
+    for content in (b"one", b"other"):
+        weights.write_bytes(content)
+        sources.append(protocol._sources.__wrapped__())
+    assert sources[0] != sources[1]
 
 
 def test_an_image_more_or_less_is_another_state_and_another_scene_is_not(dataset: Path) -> None:

@@ -17,6 +17,7 @@ from acp_lab.commands.bench_parts import RICHEST_FIRST, generator_of
 from acp_lab.commands.prepare import Spread
 from acp_lab.display.replay.file import check_replay
 from acp_lab.prepared_part import PreparedPart, PrepareOptions
+from acp_lab.sequences import read_results
 from acp_lab.tracking.method import METHODS
 from tests.cli_runner import assert_one_error, run
 from tests.commands.conftest import FRAME_IDS, edit_json, true_pose
@@ -158,6 +159,38 @@ def test_a_name_that_is_a_method_and_a_file(
     assert run(capsys, *words).status == 0
     again = ("--results-from", tmp_path / "out" / "results" / "acp-edges__data.csv")
     assert_one_error(run(capsys, *words, *again), "acp-edges", "rename the file")
+
+
+def test_outside_results_with_free_scores_that_lie_in_the_results_folder(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    """They are taken as they are, and stay as they are: with all their rows, and what their run was."""
+    out = tmp_path / "out"
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", out, "--jobs", "1")
+    assert run(capsys, *words).status == 0
+    lines = (out / "results" / "acp-edges__data.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    rows[0][3], rows[1][3] = "37.5", "-2"
+    theirs, elsewhere = out / "results" / "Theirs__data.csv", tmp_path / "Others__data.csv"
+    for path in (theirs, elsewhere):
+        path.write_text("\n".join([lines[0], *map(",".join, rows)]) + "\n")
+    write_json(out / "results" / "Theirs__data.run.json", {"version": 3})
+    before = theirs.read_bytes()
+    assert run(capsys, *words, "--results-from", theirs, "--results-from", elsewhere).status == 0
+    assert {row["method"] for row in rows_of(out)} == {"acp-edges", "Theirs", "Others"}
+    assert theirs.read_bytes() == before
+    assert json.loads((out / "results" / "Theirs__data.run.json").read_text()) == {"version": 3}
+    assert [row.score for row in read_results(out / "results" / "Others__data.csv")][:2] == [1.0, 0.0]
+
+
+def test_a_part_of_another_mesh_in_the_folder(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    """The way out is named by the command that has it."""
+    mesh = dataset / "models" / "obj_000001.ply"
+    mesh.write_bytes(mesh.read_bytes().replace(b"\nelement", b"\ncomment exported again\nelement", 1))
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", tmp_path / "out", "--jobs", "1")
+    assert_one_error(run(capsys, *words), "--no-resume", "options of acp-lab prepare", "--parts")
 
 
 def test_two_files_of_one_tracker(
