@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from acp_lab.tracking.states import StateConfig
 
 
+_NOT_OURS = "put back what acp-lab track wrote, or remove the file and name the data set with --dataset DIR"
+
+
 @dataclass(frozen=True)
 class ExplainOptions:
     """What to explain. source: results.csv or FILE.rrd. frame: counted from 0, None for the most telling one."""
@@ -34,20 +37,31 @@ class ExplainOptions:
 
 def explain_run(options: ExplainOptions) -> None:
     """Print the explanation, and write its picture beside the results."""
+    from acp_lab.commands.track import check_replaces_own
     from acp_lab.display.plots.diagnosis import explain
 
     if options.out is not None and options.out.suffix.lower() != ".png":
         raise InputFileError(f"{options.out}: --out writes PNG only: name it {options.out.with_suffix('.png').name}")
     results = _results_file(options.source)
+    if options.out is not None:
+        check_replaces_own(options.out, b"\x89PNG", "--out", "a picture")
     run = _run(results, options)
     object_id = next(iter(run.results)) if options.object_id is None else options.object_id
     frame = _most_telling(run, object_id) if options.frame is None else options.frame
     explanation = explain(run, frame, object_id)
     picture = options.out or results.with_name(f"{results.stem}.frame{explanation.diagnosis.frame}.png")
+    _check_keeps_images(picture, run.sequence)
     explanation.save(picture)
     print(_verdict(run, object_id))
     print(explanation)
     print(f"{picture}: the picture")
+
+
+def _check_keeps_images(picture: Path, sequence: Sequence | None) -> None:
+    paths = getattr(sequence, "image_paths", ())
+    images = paths.values() if isinstance(paths, Mapping) else paths
+    if picture.resolve() in {path.resolve() for path in images}:
+        raise InputFileError(f"{picture}: --out would replace an image of the run: choose another name")
 
 
 def _verdict(run: TrackRun, object_id: int) -> str:
@@ -103,8 +117,9 @@ def _results_file(source: Path) -> Path:
         return source
     check_replay(source)
     for path in sorted(source.resolve().parent.glob("*.run.json")):
-        options = _run_info(path).get("options", {})
-        if options.get("replay") and Path(options["replay"]).name == source.name:
+        options = _run_info(path).get("options")
+        replay = options.get("replay") if isinstance(options, dict) else None
+        if replay and Path(str(replay)).name == source.name:
             return path.with_name(path.name.removesuffix(".run.json") + ".csv")
     raise InputFileError(
         f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
@@ -131,21 +146,26 @@ def _run(results: Path, options: ExplainOptions) -> TrackRun:
     info_path = run_info_path(results)
     info = _run_info(info_path) if info_path.is_file() else {}
     sequence, parts = _tracked(results, info, options.dataset, scene_id, ids)
-    searches = from_rows(info.get("searches") or (), scene_id)
-    return run_from_rows(rows, sequence, parts, str(info.get("method", "unknown")), _states(info), searches)
+    told = info.get("searches")
+    searches = from_rows(told if isinstance(told, list) else (), scene_id)
+    return run_from_rows(rows, sequence, parts, str(info.get("method", "unknown")), _states(info, info_path), searches)
 
 
-def _states(info: Mapping[str, Any]) -> StateConfig:
+def _states(info: Mapping[str, Any], path: Path) -> StateConfig:
     """The run's own limits between tracking, weak and lost; those of its method where they are not told."""
     from acp_lab.tracking.method import METHODS
     from acp_lab.tracking.states import StateConfig
 
-    told = (info.get("configuration") or {}).get("states") or {}
-    if not told and info.get("method") in METHODS:
-        return METHODS[info["method"]].states
+    told = _object(_object(info, "configuration", path), "states", path)
+    method = str(info.get("method"))
+    if not told and method in METHODS:
+        return METHODS[method].states
     if told:  # runs of before there was a proof went by one frame
         told = {"proof": 1, **told}
-    return StateConfig(**{item.name: told[item.name] for item in fields(StateConfig) if item.name in told})
+    try:
+        return StateConfig(**{item.name: told[item.name] for item in fields(StateConfig) if item.name in told})
+    except TypeError:  # a limit that is no number
+        raise InputFileError(f"{path}: configuration.states holds what is no number: {_NOT_OURS}") from None
 
 
 def _tracked(
@@ -155,9 +175,14 @@ def _tracked(
     from acp_lab.geometry.camera import Camera
     from acp_lab.sequences import open_images
     from acp_lab.sequences.bop import BopDataset
+    from acp_lab.sequences.results_csv import run_info_path
 
-    tracked, folder = info.get("options") or {}, Path(str(info.get("folder", ".")))
+    path = run_info_path(results)
+    tracked, folder = _object(info, "options", path), Path(str(info.get("folder", ".")))
     if dataset is None and tracked.get("video"):
+        missing = [name for name in ("mesh", "camera") if not tracked.get(name)]
+        if missing:
+            raise InputFileError(f"{path}: names a video, but no {missing[0]} in options: {_NOT_OURS}")
         mesh, camera, video = (folder / str(tracked[name]) for name in ("mesh", "camera", "video"))
         part = _part_of_video(mesh, folder / str(tracked.get("parts")))
         return open_images(video, Camera.from_json(camera)), {1: part}
@@ -182,6 +207,14 @@ def _part_of_video(mesh: Path, parts: Path) -> Part:
         return PreparedPart.load(part_folder(parts, mesh.stem), mesh).part
     except PreparationError:
         return Part.from_file(mesh)
+
+
+def _object(values: Mapping[str, Any], name: str, path: Path) -> Mapping[str, Any]:
+    """An entry of the run information that holds further ones; empty where there is none."""
+    found = values.get(name) or {}
+    if not isinstance(found, Mapping):
+        raise InputFileError(f"{path}: {name} is no JSON object: {_NOT_OURS}")
+    return found
 
 
 def _run_info(path: Path) -> Mapping[str, Any]:

@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
 import pytest
 import trimesh
 
@@ -147,3 +148,46 @@ def test_bad_input(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: 
     assert_one_error(run(capsys, "explain", results, "--out", results), "--out", "PNG")
     assert_one_error(run(capsys, "explain", tmp_path / "none.csv"), "none.csv")
     assert_one_error(run(capsys, "explain", tmp_path / "none.rrd"), "none.rrd")
+
+
+def test_an_image_of_the_run_is_not_replaced(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:
+    data = shutil.copytree(sample_dataset(), tmp_path / "data")
+    first = next(path for path in sorted((data / "test" / "000001" / "rgb").iterdir()))
+    image = first.with_suffix(".png")
+    pixels = cv2.imread(str(first))
+    first.unlink()
+    assert cv2.imwrite(str(image), pixels)
+    before = image.read_bytes()
+    assert_one_error(run(capsys, "explain", results, "--dataset", data, "--out", image), image, "an image of the run")
+    assert image.read_bytes() == before
+    (tmp_path / "notes.png").write_text("my notes")
+    assert_one_error(run(capsys, "explain", results, "--out", tmp_path / "notes.png"), "notes.png", "not a picture")
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"options": [1]}, "options is no JSON object"),
+        ({"options": {"video": "v.mp4", "mesh": "m.ply"}}, "no camera"),
+        ({"configuration": [1]}, "configuration is no JSON object"),
+        ({"configuration": {"states": [1]}}, "states is no JSON object"),
+        ({"configuration": {"states": {"weak_below": "half"}}}, "no number"),
+    ],
+)
+def test_run_information_of_another_form(
+    capsys: pytest.CaptureFixture[str], results: Path, values: dict[str, object], expected: str
+) -> None:
+    info = results.with_name("results.run.json")
+    info.write_text(json.dumps({**json.loads(info.read_text()), **values}))
+    assert_one_error(run(capsys, "explain", results), "results.run.json", expected, "--dataset")
+
+
+def test_run_information_that_is_not_needed_may_be_of_any_form(
+    capsys: pytest.CaptureFixture[str], results: Path
+) -> None:
+    info = results.with_name("results.run.json")
+    info.write_text(json.dumps({**json.loads(info.read_text()), "searches": 7, "method": [1]}))
+    assert run(capsys, "explain", results).status == 0
+    results.with_name("a.run.json").write_text('{"options": [1]}')
+    play([Replay(results.with_name("run.rrd"))])
+    assert run(capsys, "explain", results.with_name("run.rrd")).status == 0
