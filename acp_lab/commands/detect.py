@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from acp_lab.commands import console, interrupt
-from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own
-from acp_lab.errors import AcpLabError, InputFileError, PreparationError, SequenceError
+from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own, check_results_name
+from acp_lab.errors import AcpLabError, GeometryError, InputFileError, PreparationError, SequenceError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 
 if TYPE_CHECKING:
@@ -77,6 +77,11 @@ class DetectOptions:
             if path.resolve() in {p.resolve() for p in (self.source, self.camera, self.mesh) if p is not None}:
                 raise InputFileError(f"{path}: --out would overwrite an input: choose another file")
             check_replaces_own(path, start, "--out", kind)
+        check_results_name(self.out)
+        if self.picture.exists() and not self.out.exists():  # where both are there, an earlier run made them
+            raise InputFileError(
+                f"{self.picture}: the picture of --out would replace one without results beside it: choose another name"
+            )
 
     @property
     def is_image(self) -> bool:
@@ -186,16 +191,24 @@ def _image_jobs(options: DetectOptions) -> list[DetectJob]:
     from acp_lab.geometry.camera import Camera, Undistorter
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.image_file import read_rgb
+    from acp_lab.sequences.pixel_coding import PixelCoding
 
     assert options.camera is not None
     camera = Camera.from_json(options.camera)
-    image = Undistorter(camera)(read_rgb(options.source))
+    try:
+        image = Undistorter(camera)(read_rgb(options.source, PixelCoding.beside(options.source.parent)))
+    except GeometryError as error:
+        raise InputFileError(f"{options.source}: {error}") from None
     if options.mesh is not None:
         model = PartShelf(options.parts).part(options.mesh)
     else:
         folders = sorted(path.parent for path in options.parts.glob("*/part.json"))
+        if not folders:
+            raise PreparationError(
+                f"{options.parts}: holds no prepared part; run: acp-lab prepare MESH --out {options.parts}"
+            )
         if len(folders) != 1:
-            names = ", ".join(folder.name for folder in folders) or "no part"
+            names = ", ".join(folder.name for folder in folders)
             raise AcpLabError(f"{options.parts}: holds {names}: say with --mesh which part the image shows")
         model = PreparedPart.load(folders[0])
     return [DetectJob(1, [Frame(0, image, camera.pinhole())], 1, {1: model})]

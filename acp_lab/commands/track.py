@@ -68,6 +68,8 @@ class TrackOptions:
                 raise AcpLabError(f"{option} {value}: give a finite number")
         if self.noise_deg > 180.0:
             raise AcpLabError(f"--init-noise-deg {self.noise_deg:g}: give at most 180 degrees")
+        if self.replay is None and self.replay_iterations != "off":
+            raise AcpLabError(f"--replay-iterations {self.replay_iterations}: only goes with --replay: leave it out")
         if self.replay_max_mb is not None:
             if self.replay is None:
                 raise AcpLabError(f"--replay-max-mb {self.replay_max_mb:g}: only goes with --replay: leave it out")
@@ -121,8 +123,15 @@ class TrackOptions:
             )
         check_replaces_own(self.out, HEADER_START, "--out", "results")
         check_replaces_own(run_info_path(self.out), b"{", "--out", "run information")
+        check_results_name(self.out)
         if self.replay is not None:
             check_replaces_own(self.replay, b"RRF", "--replay", "a replay")
+
+
+def check_results_name(path: Path) -> None:
+    """Refuse names of results that do not end in .csv: `run.v1` and `run.v2` would share one run.run.json."""
+    if path.suffix.lower() != ".csv":
+        raise InputFileError(f"{path}: --out writes CSV: name it {path.name}.csv")
 
 
 def check_replaces_own(path: Path, beginning: bytes, option: str, kind: str) -> None:
@@ -228,6 +237,11 @@ def _found_jobs(
     _check_all_found(options.objects, wanted.values())
     jobs = list[SceneJob]()
     for scene in scenes:
+        if not wanted[scene.scene_id]:
+            raise InputFileError(
+                f"{dataset.root / 'models'}: holds no mesh, and {scene.folder} no scene_gt.json that names objects: "
+                "nothing to look for: put the meshes there, as obj_000001.ply"
+            )
         chosen = [i for i in wanted[scene.scene_id] if not options.objects or i in options.objects]
         jobs += _job_found(options, scene, _meshes(dataset, chosen), shelf)
     return tuple(jobs)

@@ -18,7 +18,7 @@ from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
 from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
-from acp_lab.errors import TrackingError
+from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.machine import short_collections
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -198,6 +198,8 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
 
     Writes options.out, results.run.json beside it, and options.replay. extra: observers of every scene.
     """
+    if not jobs:
+        raise SequenceError("nothing to track: no scene shows a part that was asked for")
     method = chosen_method(options.method or DEFAULT_METHOD, options.config)
     parts = {model.part.name: model for job in jobs for model in job.models.values()}
     # Before files are replaced: a part may lack the generator that the method needs.

@@ -129,6 +129,7 @@ def test_track_finds_nothing(
         (("--scene", "9"), ("no scene 9",)),
         (("--camera", "c.json"), ("--camera c.json", "image")),
         (("--mesh", "a.ply"), ("--mesh a.ply", "image")),
+        (("--out", "found.v1"), ("found.v1.csv",)),
     ],
 )
 def test_bad_options(
@@ -167,3 +168,53 @@ def test_a_picture_of_another_kind_stays(
     outcome = run(capsys, "detect", dataset, "--parts", parts, "--out", tmp_path / "found.csv")
     assert_one_error(outcome, "found.png")
     assert (tmp_path / "found.png").read_text() == "my notes"
+
+
+def test_a_picture_without_results_beside_it_stays(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """The next image of a series has the name that the picture of --out would have."""
+    CAMERA.to_json(tmp_path / "camera.json")
+    images = sorted((dataset / "test/000001/rgb").iterdir())
+    before = images[1].read_bytes()
+    words = ("--parts", parts, "--camera", tmp_path / "camera.json", "--mesh", dataset / "models" / "obj_000001.ply")
+    outcome = run(capsys, "detect", images[0], *words, "--out", images[1].with_suffix(".csv"))
+    assert_one_error(outcome, images[1], "choose another name")
+    assert images[1].read_bytes() == before
+    assert not images[1].with_suffix(".csv").exists()
+
+
+def test_an_image_of_more_bits_is_read_as_pixels_json_says(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    image = next((dataset / "test/000001/rgb").iterdir())
+    assert cv2.imwrite(str(image), 16 * cv2.imread(str(image)).astype(np.uint16))
+    words = ["detect", image, "--parts", parts, "--camera", tmp_path / "camera.json", "--out", tmp_path / "found.csv"]
+    words += ["--mesh", dataset / "models" / "obj_000001.ply"]
+    assert_one_error(run(capsys, *words), image, "pixels.json")
+    (image.parent / "pixels.json").write_text('{"bits": 12}')
+    assert run(capsys, *words).status == 0
+    assert run(capsys, *words).status == 0  # its own picture may be replaced
+
+
+def test_an_image_of_another_size_and_parts_that_are_not_there(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    image = next((dataset / "test/000001/rgb").iterdir())
+    words = ("detect", image, "--camera", tmp_path / "camera.json", "--out", tmp_path / "found.csv", "--parts")
+    assert_one_error(run(capsys, *words, tmp_path / "nowhere"), "nowhere", "run: acp-lab prepare MESH")
+    assert cv2.imwrite(str(image), np.zeros((20, 30, 3), np.uint8))
+    assert_one_error(run(capsys, *words, parts), f"{image}: image is 30 x 20 px")
+
+
+def test_track_without_anything_to_look_for(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    (dataset / "test/000001/scene_gt.json").unlink()
+    shutil.rmtree(dataset / "models")
+    out = tmp_path / "results.csv"
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--init", "auto")
+    assert_one_error(outcome, dataset / "models", "nothing to look for")
+    assert not out.exists()
