@@ -107,9 +107,9 @@ class Part:
         vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path))
         diameter = largest_distance(vertices)
         if info is not None:
-            _check_against_info(diameter, info, path)
+            _check_against_info(diameter, info, path, unit)
             diameter = info.diameter
-        _check_size(diameter, str(path))
+        _check_size(diameter, str(path), unit)
         symmetries = Symmetries.none() if info is None else info.symmetries
         return cls(path.stem, path, raw.sha256, vertices, faces, diameter, *_box(vertices), symmetries)
 
@@ -283,7 +283,11 @@ def _can_end(points: FloatArray, largest: float) -> BoolArray:
     return kept
 
 
-def _check_size(diameter: float, where: str) -> None:
+def _check_size(diameter: float, where: str, unit: str = "mm") -> None:
+    if unit != "mm" and not SMALLEST_DIAMETER <= diameter <= LARGEST_DIAMETER:
+        raise PartError(
+            f"{where}: with --unit {unit} its diameter would be {diameter:.4g} mm: leave --unit out, or check it"
+        )
     if diameter < SMALLEST_DIAMETER:
         raise PartError(
             f"{where}: its diameter would be {diameter:.4g} mm, which looks like metres: scale by 1000, or "
@@ -296,9 +300,14 @@ def _check_size(diameter: float, where: str) -> None:
         )
 
 
-def _check_against_info(diameter: float, info: PartInfo, path: Path) -> None:
+def _check_against_info(diameter: float, info: PartInfo, path: Path, unit: str) -> None:
     ratio = info.diameter / diameter
     source = info.source or "models_info"
+    if unit != "mm" and abs(ratio - 1.0) > DIAMETER_TOLERANCE:
+        raise PartError(
+            f"{path}: with --unit {unit} its diameter is {diameter:.5g} mm, but {info.diameter:.5g} mm in {source}: "
+            "leave --unit out, or check it"
+        )
     numbers = f"{path}: its diameter is {diameter:.5g}, but {info.diameter:.5g} mm in {source}"
     if abs(1000.0 * ratio - 1.0) < 0.05 and diameter > LARGEST_DIAMETER:
         raise PartError(f"{numbers}: the mesh looks like micrometres: scale by 0.001")

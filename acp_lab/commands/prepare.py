@@ -56,9 +56,8 @@ def prepare_parts(
     _check_places(meshes, out)
     interrupt.check()
     parts = [read_part(mesh, unit) for mesh in dict.fromkeys(meshes)]
-    if options is None or options.resume:
-        for part in parts:
-            _check_size_there(part, part_folder(out, part.name))
+    for part in parts:
+        _check_size_there(part, part_folder(out, part.name), options is None or options.resume)
     for part in parts:
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
@@ -117,8 +116,8 @@ def _check_places(meshes: Sequence[Path], out: Path) -> None:
             )
 
 
-def _check_size_there(part: Part, folder: Path) -> None:
-    """The file's checksum is the same in every unit, so the sizes are compared."""
+def _check_size_there(part: Part, folder: Path, resume: bool) -> None:
+    """The file's checksum is the same in every unit, so the sizes are compared; a part made anew has a warning."""
     try:
         header = read_header(folder, "")
         if header["mesh"]["sha256"] != part.sha256:
@@ -129,10 +128,10 @@ def _check_size_there(part: Part, folder: Path) -> None:
         return  # nothing there, or nothing to go on with
     if comparable and not np.allclose(known, part.box_size, rtol=1e-6, atol=0.0):
         ratio = float((known / part.box_size).mean())
-        raise PreparationError(
-            f"{folder}: was prepared {ratio:.4g} times as large, from the same mesh in another unit: give that --unit, "
-            "or --no-resume to prepare it anew"
-        )
+        was = f"{folder}: was prepared {ratio:.4g} times as large, from the same mesh in another unit"
+        if resume:
+            raise PreparationError(f"{was}: give that --unit, or --no-resume to prepare it anew")
+        warn(f"{was}, and is replaced: if that was the right one, prepare it again with that --unit")
 
 
 def read_part(mesh: Path, unit: str = "mm") -> Part:

@@ -163,7 +163,8 @@ def region_border(closeness: float, changes: int) -> Finding | None:
         Cause.REGION_BORDER,
         f"the view lies on the border of two view regions (the second scores {100.0 * closeness:.0f}% of the "
         f"first), and the region changed {changes} time{'s'[: changes != 1]} since the problem began.",
-        "prepare both regions: acp-lab prepare --regions all; a start that looks at the part from another side",
+        "prepare both regions: acp-lab prepare --regions all, of methods with an auto-encoder with --generator "
+        "autoencoder; a start that looks at the part from another side",
         closeness,
         1.0 / HYSTERESIS**2,
     )

@@ -264,9 +264,12 @@ class Tracker:
         region = self.solver.choose_region(pose)
         if not self.solver.is_prepared_for(pose, region):
             natural, trained = self.solver.natural_region(pose), self.solver.source.regions
+            # Without its name other generators are prepared.
+            option = " --generator autoencoder" if self.generator_name == "autoencoder" else ""
             raise PreparationError(
                 f"{self.part.name}: the part is seen from view region {natural}, generator {self.generator_name} is "
-                f"prepared for {', '.join(map(str, trained))} only; {self.model.prepare_command} --regions {natural}"
+                f"prepared for {', '.join(map(str, trained))} only; {self.model.prepare_command}{option} "
+                f"--regions {natural}"
             )
         return region
 

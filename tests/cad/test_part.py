@@ -195,6 +195,16 @@ def test_a_wrong_unit_is_noticed(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("info_diameter", [45.83, None])
+def test_a_unit_that_was_given_is_doubted_first(info_diameter: float | None, tmp_path: Path) -> None:
+    """The mesh is in mm: neither it nor models_info.json is to be scaled."""
+    path = tmp_path / "box.stl"
+    box((40.0, 20.0, 10.0)).export(path)
+    info, unit = (None, "m") if info_diameter is None else (_info(info_diameter), "inch")
+    with pytest.raises(PartError, match=rf"with --unit {unit} its diameter .*: leave --unit out, or check it"):
+        Part.from_file(path, info, unit)
+
+
 def test_models_info_has_the_last_word_on_the_diameter(tmp_path: Path) -> None:
     path = tmp_path / "box.stl"
     box().export(path)

@@ -245,7 +245,10 @@ def test_another_unit_does_not_go_on_with_the_part_that_is_there(
     mesh, parts = scaled_box(tmp_path / "block.stl", 1.0), tmp_path / "parts"
     assert prepare(capsys, parts, mesh).status == 0
     assert_one_error(prepare(capsys, parts, mesh, "--unit", "cm"), "0.1 times as large", "--no-resume")
-    assert prepare(capsys, parts, mesh, "--unit", "cm", "--no-resume").status == 0
+    outcome = prepare(capsys, parts, mesh, "--unit", "cm", "--no-resume")
+    assert outcome.status == 0
+    assert "block: was prepared 0.1 times as large" in outcome.err, "as the command that a damaged part names does"
+    assert prepare(capsys, parts, mesh, "--unit", "cm", "--no-resume").err == ""
     assert PreparedPart.load(parts / "block").part.box_size.max() == pytest.approx(400.0)
     assert prepare(capsys, parts, mesh, "--unit", "cm").status == 0
 

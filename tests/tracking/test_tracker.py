@@ -44,6 +44,7 @@ from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
+from tests.prepared_part.test_model import painted
 from tests.tracking.lit_part import lit_part
 from tests.tracking.rendered import AS_DRAWN, CAMERA, GAMMA, MadeSequence, add_percent, draw, poses, prepared
 
@@ -542,6 +543,16 @@ def test_a_start_from_a_region_that_was_not_prepared_is_refused(
     )
     assert "; run: acp-lab prepare MESH --out PARTS_DIR --regions 4" in message
     assert "\n" not in message
+
+
+def test_a_start_from_a_region_without_an_auto_encoder_names_the_generator_to_prepare(
+    part: Part, model: PreparedPart
+) -> None:
+    pose = looking_at(part, np.array([0.1, 0.1, 1.0]), 330.0)  # from region 4
+    frame = Frame(0, draw([(part, pose)]), CAMERA)
+    with pytest.raises(PreparationError, match="autoencoder is prepared for 1, 3 only") as caught:
+        Tracker(painted(model), METHODS["acp-paper"]).start(frame, pose)
+    assert str(caught.value).endswith("--out PARTS_DIR --generator autoencoder --regions 4")
 
 
 @pytest.mark.parametrize("method", [ACP, BY_MAP], ids=lambda method: method.name)
