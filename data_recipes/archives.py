@@ -7,6 +7,7 @@ Files are searched for by name at any depth, because the outer folders of data s
 
 from __future__ import annotations
 
+import lzma
 import os
 import re
 import shutil
@@ -87,7 +88,9 @@ def unpack(archive: Path, folder: Path) -> None:
         else:
             _unpack_tar(archive, folder)
     # What their parsers raise for damaged files.
-    except (zipfile.BadZipFile, tarfile.TarError, zlib.error, EOFError, ValueError, NotImplementedError) as error:
+    except (
+        zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError, EOFError, ValueError, NotImplementedError,
+    ) as error:  # fmt: skip
         raise InputFileError(f"{archive}: damaged or cut short ({error}): {_AGAIN}") from None
     except OSError as error:
         if error.strerror:

@@ -104,6 +104,8 @@ def _models(source: Source, folder: str | None, ids: Sequence[int]) -> dict[int,
 def _scenes(source: Source, split: str | None) -> dict[int, Path]:
     """Scene folders by id, of one split."""
     folders = [path.parent for path in source.files(r"scene_gt\.json") if path.parent.name.isdigit()]
+    if not folders:
+        raise InputFileError(f"{source.name}: no scene with scene_gt.json: give the images' download too")
     splits = sorted({folder.parent.name for folder in folders})
     chosen = [name for name in splits if name == split or (split is None and name.startswith("test"))]
     if len(chosen) != 1:

@@ -26,7 +26,7 @@ class AlteredSequence:
 
     change: gets each frame that can be read; it returns a new one (`dataclasses.replace`) and leaves the old one as
     it is. The same frame must always give the same result: viewers read frames again. frame_ids: the images to
-    keep, all by default. name: by default the sequence's own.
+    keep, all by default, also of a sequence that does not announce them. name: by default the sequence's own.
     Raises SequenceError for a frame id that the sequence does not have, and when its first frame is left out.
     """
 
@@ -40,6 +40,7 @@ class AlteredSequence:
         if kept[:1] != sequence.frame_ids[:1]:
             raise SequenceError(f"{sequence.name}: its first frame is left out, where the start pose belongs: keep it")
         self.sequence, self.change, self.frame_ids = sequence, change, kept
+        self._keeps_all = frame_ids is None
         self.name = name or sequence.name
         self.scene_id = sequence.scene_id
         self.object_ids = sequence.object_ids
@@ -65,5 +66,5 @@ class AlteredSequence:
     def _changed(self) -> Iterator[Frame | UnreadableFrame]:
         kept = frozenset(self.frame_ids)
         for frame in self.sequence.frames():
-            if frame.index in kept:
+            if self._keeps_all or frame.index in kept:
                 yield self.change(frame) if isinstance(frame, Frame) else frame

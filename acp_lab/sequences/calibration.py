@@ -33,6 +33,7 @@ DICTIONARIES = tuple(
 """Names of ArUco dictionaries, without OpenCV's `DICT_`."""
 _SMALLEST_COVER = 0.4
 _UNSURE_FOCAL = 0.01
+_FEWEST_INNER = 3
 _MIN_CORNERS = 6
 _MOST_NAMES = 3
 
@@ -54,11 +55,21 @@ class Board(Protocol):
 
 @dataclass(frozen=True)
 class Chessboard:
-    """columns x rows of *inner* corners, squares of square_mm. All of the board must be in the picture."""
+    """columns x rows of *inner* corners, squares of square_mm. All of the board must be in the picture.
+
+    Raises InputFileError for fewer than 3 corners a side, which OpenCV does not look for.
+    """
 
     columns: int
     rows: int
     square_mm: float
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < _FEWEST_INNER:
+            raise InputFileError(
+                f"a chessboard of {self.columns}x{self.rows} inner corners: {_FEWEST_INNER} a side is the least: count "
+                "the corners between the squares, or take a larger board"
+            )
 
     def find(self, image: ByteImage) -> BoardView | None:
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)

@@ -33,6 +33,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 _FAILURES_IN_A_ROW = 30
 """Live images that may fail, one second's worth, before a camera is taken for unplugged."""
+_LARGEST_DEVICE = 2**31 - 1
 _UNCOUNTED = 2
 """Frames by which the headers of sound videos are off."""
 
@@ -212,8 +213,9 @@ def open_images(path: str | Path, camera: Camera) -> ImageFolder | VideoFile | C
     path = Path(path)
     if path.is_dir():
         return ImageFolder(path, camera)
-    if str(path).isdecimal() and not path.exists():
-        return CameraDevice(int(str(path)), camera)
+    number = _device_number(path)
+    if number is not None:
+        return CameraDevice(number, camera)
     return VideoFile(path, camera)
 
 
@@ -230,10 +232,11 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
         first = min(files, key=lambda file: _natural(file.name))
         image = read_rgb(first, PixelCoding.beside(path) if coding is None else coding)
         return image.shape[1], image.shape[0]
-    is_device = str(path).isdecimal() and not path.exists()
+    number = _device_number(path)
+    is_device = number is not None
     if not is_device:
         _check_video_file(path)
-    with _capture(int(str(path)) if is_device else str(path), cv2.CAP_ANY if is_device else cv2.CAP_FFMPEG) as video:
+    with _capture(str(path) if number is None else number, cv2.CAP_ANY if is_device else cv2.CAP_FFMPEG) as video:
         if not is_device:
             _check_frame_size(video, path)
         found, picture = video.read()
@@ -241,6 +244,16 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
         fix = "check its number and its cable" if is_device else "convert it, as to H.264"
         raise InputFileError(f"{path}: gives no image: {fix}")
     return picture.shape[1], picture.shape[0]
+
+
+def _device_number(path: Path) -> int | None:
+    """The number of a live camera; None for a file. SequenceError for a number beyond what OpenCV takes."""
+    text = str(path)
+    if not text.isdecimal() or path.exists():
+        return None
+    if int(text) > _LARGEST_DEVICE:
+        raise SequenceError(f"camera {text}: there are none of that number: the first one is 0")
+    return int(text)
 
 
 def _check_video_file(path: Path) -> None:

@@ -7,6 +7,7 @@ import tarfile
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from acp_lab.errors import InputFileError
@@ -68,6 +69,19 @@ def test_a_flipped_byte_in_a_zip_is_noticed(tmp_path: Path) -> None:
         file.writestr("a.txt", b"x" * 400)
     data = bytearray(path.read_bytes())
     data[200] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(InputFileError, match="damaged or cut short"):
+        unpack(path, tmp_path / "out")
+
+
+def test_damage_within_an_xz_archive_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "set.tar.xz"
+    with tarfile.open(path, "w:xz") as file:
+        entry = tarfile.TarInfo("a.bin")
+        entry.size = 100_000
+        file.addfile(entry, io.BytesIO(np.random.default_rng(0).bytes(entry.size)))
+    data = bytearray(path.read_bytes())
+    data[-40:-20] = bytes(20)
     path.write_bytes(data)
     with pytest.raises(InputFileError, match="damaged or cut short"):
         unpack(path, tmp_path / "out")

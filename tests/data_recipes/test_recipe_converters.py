@@ -236,7 +236,7 @@ TEST = Path("test_primesense/000001")
     ("spoil", "words"),
     [
         (lambda root: shutil.rmtree(root / "models_cad"), "no models_cad or models with models_info.json"),
-        (lambda root: shutil.rmtree(root / "test_primesense"), "has the splits none"),
+        (lambda root: shutil.rmtree(root / "test_primesense"), "no scene with scene_gt.json: give the images"),
         (lambda root: shutil.copytree(root / "test_primesense", root / "test_kinect"), "name one of them with --split"),
         (lambda root: (root / TEST / "scene_camera.json").unlink(), "scene_camera.json: no such file"),
         (lambda root: _replace(root / TEST / "scene_camera.json", '"cam_K": [80.0, ', '"cam_K": ['), "cam_K is"),

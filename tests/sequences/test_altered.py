@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from acp_lab.sequences import open_sequence
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.images import ImageFolder
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +56,16 @@ def test_a_change_may_spoil_a_frame_and_spoilt_ones_pass_through(scene: BopScene
     twice = AlteredSequence(AlteredSequence(scene, torn), darker)
     kinds = [type(frame) for frame in twice.frames(3)]
     assert kinds == [Frame, UnreadableFrame, Frame]
+
+
+def test_all_frames_of_a_sequence_that_announces_none_are_kept(scene: BopScene, tmp_path: Path) -> None:
+    """Such as a video without an index, or a live camera."""
+    first = scene.frame(0)
+    assert isinstance(first, Frame)
+    assert cv2.imwrite(str(tmp_path / "0.png"), first.image)
+    folder = ImageFolder(tmp_path, scene.camera(0))
+    folder.frame_ids = ()
+    assert [frame.index for frame in AlteredSequence(folder, darker).frames()] == [0]
 
 
 def test_bad_frame_ids(scene: BopScene) -> None:

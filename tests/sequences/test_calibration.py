@@ -52,6 +52,12 @@ class PerfectBoard:
         return BoardView(points, pixels + self._noise_px * self._rng.standard_normal(pixels.shape))
 
 
+@pytest.mark.parametrize(("columns", "rows"), [(2, 5), (5, 2)])
+def test_a_chessboard_of_too_few_corners(columns: int, rows: int) -> None:
+    with pytest.raises(InputFileError, match=f"{columns}x{rows} inner corners: 3 a side"):
+        Chessboard(columns, rows, SQUARE_MM)
+
+
 @pytest.mark.parametrize("noise_px", [0.0, 0.05])
 def test_the_known_camera_comes_back(noise_px: float) -> None:
     blank = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)

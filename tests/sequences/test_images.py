@@ -158,6 +158,9 @@ def test_open_images_takes_a_folder_a_file_or_the_number_of_a_camera(
     device = open_images("7", CAMERA)
     assert isinstance(device, CameraDevice)
     assert device.index == 7
+    for call in (lambda: open_images("99999999999", CAMERA), lambda: first_size("99999999999")):
+        with pytest.raises(SequenceError, match="camera 99999999999: there are none of that number"):
+            call()
     _folder(tmp_path / "7", ("0.png",))
     assert isinstance(open_images("7", CAMERA), ImageFolder)
 
