@@ -234,14 +234,15 @@ def _found_jobs(
 ) -> tuple[SceneJob, ...]:
     """Jobs whose start poses are found in the images; of the truth only the ids of the objects are asked for."""
     wanted = {scene.scene_id: dict.fromkeys(scene.object_ids or dataset.models()) for scene in scenes}
-    _check_all_found(options.objects, wanted.values())
-    jobs = list[SceneJob]()
     for scene in scenes:
         if not wanted[scene.scene_id]:
             raise InputFileError(
-                f"{dataset.root / 'models'}: holds no mesh, and {scene.folder} no scene_gt.json that names objects: "
-                "nothing to look for: put the meshes there, as obj_000001.ply"
+                f"{dataset.root / 'models'}: holds no mesh, and the first frame of {scene.folder} has no truth that "
+                "names objects: nothing to look for: put the meshes there, as obj_000001.ply"
             )
+    _check_all_found(options.objects, wanted.values())
+    jobs = list[SceneJob]()
+    for scene in scenes:
         chosen = [i for i in wanted[scene.scene_id] if not options.objects or i in options.objects]
         jobs += _job_found(options, scene, _meshes(dataset, chosen), shelf)
     return tuple(jobs)

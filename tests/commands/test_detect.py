@@ -215,6 +215,7 @@ def test_track_without_anything_to_look_for(
     (dataset / "test/000001/scene_gt.json").unlink()
     shutil.rmtree(dataset / "models")
     out = tmp_path / "results.csv"
-    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--init", "auto")
-    assert_one_error(outcome, dataset / "models", "nothing to look for")
+    for words in ((), ("--object", "1")):
+        outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--init", "auto", *words)
+        assert_one_error(outcome, dataset / "models", "nothing to look for")
     assert not out.exists()
