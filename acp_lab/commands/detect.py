@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from acp_lab.commands import console, interrupt
-from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own, check_results_name
+from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own
 from acp_lab.errors import AcpLabError, GeometryError, InputFileError, PreparationError, SequenceError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 
@@ -77,7 +77,6 @@ class DetectOptions:
             if path.resolve() in {p.resolve() for p in (self.source, self.camera, self.mesh) if p is not None}:
                 raise InputFileError(f"{path}: --out would overwrite an input: choose another file")
             check_replaces_own(path, start, "--out", kind)
-        check_results_name(self.out)
         if self.picture.exists() and not self.out.exists():  # where both are there, an earlier run made them
             raise InputFileError(
                 f"{self.picture}: the picture of --out would replace one without results beside it: choose another name"

@@ -120,7 +120,8 @@ def _results_file(source: Path) -> Path:
         options = _run_info(path).get("options")
         replay = options.get("replay") if isinstance(options, dict) else None
         if replay and Path(str(replay)).name == source.name:
-            return path.with_name(path.name.removesuffix(".run.json") + ".csv")
+            results = path.with_name(path.name.removesuffix(".run.json"))
+            return results if results.is_file() else results.with_name(results.name + ".csv")
     raise InputFileError(
         f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
         "folder (acp-lab track --out results.csv --replay run.rrd)"

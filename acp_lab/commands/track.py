@@ -123,15 +123,8 @@ class TrackOptions:
             )
         check_replaces_own(self.out, HEADER_START, "--out", "results")
         check_replaces_own(run_info_path(self.out), b"{", "--out", "run information")
-        check_results_name(self.out)
         if self.replay is not None:
             check_replaces_own(self.replay, b"RRF", "--replay", "a replay")
-
-
-def check_results_name(path: Path) -> None:
-    """Refuse names of results that do not end in .csv: `run.v1` and `run.v2` would share one run.run.json."""
-    if path.suffix.lower() != ".csv":
-        raise InputFileError(f"{path}: --out writes CSV: name it {path.name}.csv")
 
 
 def check_replaces_own(path: Path, beginning: bytes, option: str, kind: str) -> None:

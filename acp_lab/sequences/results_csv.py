@@ -125,8 +125,12 @@ class ResultsWriter:
 
 
 def run_info_path(results_path: Path) -> Path:
-    """`results.run.json` of `results.csv`: where the configuration of a run stands."""
-    return results_path.with_suffix(".run.json")
+    """`results.run.json` of `results.csv`: where the configuration of a run stands.
+
+    Of names with another suffix, or none, the whole is kept: `run.v1` and `run.v2` are two runs.
+    """
+    kept = results_path.stem if results_path.suffix.lower() == ".csv" else results_path.name
+    return results_path.with_name(f"{kept}.run.json")
 
 
 def read_results(path: str | Path) -> tuple[ResultRow, ...]:

@@ -129,7 +129,6 @@ def test_track_finds_nothing(
         (("--scene", "9"), ("no scene 9",)),
         (("--camera", "c.json"), ("--camera c.json", "image")),
         (("--mesh", "a.ply"), ("--mesh a.ply", "image")),
-        (("--out", "found.v1"), ("found.v1.csv",)),
     ],
 )
 def test_bad_options(

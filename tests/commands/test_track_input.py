@@ -57,7 +57,6 @@ def test_empty_data_set(capsys: pytest.CaptureFixture[str], tmp_path: Path, part
         (("--mesh", "a.ply"), ("--mesh", "--video")),
         (("--replay-max-mb", "9"), ("--replay-max-mb 9", "--replay")),
         (("--replay-iterations", "all"), ("--replay-iterations all", "--replay")),
-        (("--out", "run.v1"), ("run.v1.csv",)),
         (("--replay", "a.rrd", "--replay-max-mb", "inf"), ("--replay-max-mb inf", "finite")),
         (("--replay", "a.rrd", "--replay-max-mb", "0.1"), ("--replay-max-mb",)),
         (("--video", "a.mp4"), ("--video",)),

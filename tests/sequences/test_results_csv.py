@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from acp_lab.errors import InputFileError, SequenceError, TrackingError
 from acp_lab.geometry.pose import make_pose, so3_exp
-from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, read_results, start_poses
+from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, read_results, run_info_path, start_poses
 from tests.sequences.tiny_dataset import pose
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time"
@@ -79,6 +79,11 @@ def test_the_run_stands_beside_the_results(tmp_path: Path) -> None:
     with ResultsWriter(path):
         pass
     assert sorted(p.name for p in path.parent.iterdir()) == ["results.csv"]
+
+
+def test_runs_whose_names_differ_in_the_suffix_have_their_own_information() -> None:
+    names = {name: run_info_path(Path(name)).name for name in ("a/run.csv", "run.CSV", "run.v1", "run.v2", "run")}
+    assert list(names.values()) == ["run.run.json", "run.run.json", "run.v1.run.json", "run.v2.run.json", "run.run.json"]
 
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:
