@@ -172,3 +172,23 @@ def test_a_fit_is_as_usual_by_the_lower_of_the_last_score_and_the_mean(mean: flo
     assert usual.reached(Scored(0.46), 0.9)  # type: ignore[arg-type]
     assert not usual.reached(Scored(0.44), 0.9)  # type: ignore[arg-type]
     assert not usual.reached(None, 0.0)
+
+
+def test_what_is_usual_is_the_mean_of_all_frames_at_first_and_then_a_running_one() -> None:
+    """A first frame fits too well: soon it must not count for more than the others."""
+    usual = UsualFit()
+    usual.begin(1.0, 1.3)
+    for number in range(2, 11):
+        usual.take_in(fitted(0.9))
+        assert usual.mean_score == pytest.approx((1.3 + 0.9 * (number - 1)) / number)
+    before = usual.mean_score
+    usual.take_in(fitted(0.5))
+    assert usual.mean_score == pytest.approx(before + 0.1 * (0.5 - before))
+    usual.begin(1.0, 1.1)
+    usual.take_in(fitted(0.9))
+    assert usual.mean_score == pytest.approx(1.0)
+
+
+def fitted(score: float) -> Any:
+    """Stands for a solution."""
+    return SimpleNamespace(score=score, judgement=SimpleNamespace(quality=score))
