@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from acp_lab.display.colours import BLUE
 from acp_lab.display.widgets.curve_plot import Curve, CurvePlot, Mark
+from tests.display.node_page import in_node
 
 
 def plot() -> CurvePlot:
@@ -31,3 +34,47 @@ def test_the_cursor_stays_on_the_curve() -> None:
     made.cursor = -4
     assert made.cursor == 0
     assert CurvePlot([], [], cursor=3).cursor == 0
+
+
+_PLOT = """
+const empty = { curves: [], marks: [], limits: [0, 1], cursor: 0, title: "", x_label: "image id" };
+"""
+
+
+def test_a_plot_without_points_is_drawn_in_the_browser(tmp_path: Path) -> None:
+    """It hung the page: a live window begins with one."""
+    trial = """
+    const model = new Model({ ...empty, x: bytes() });
+    const el = page();
+    const destroy = widget.render({ model, el });
+    const ticks = () => el.of("acp-tick acp-tick-x").map((node) => node.textContent);
+    const without = ticks();
+    model.change("x", bytes(0, 10));
+    const one = { data: bytes(0.2, 0.4), colour: "red", row: "quality", label: "" };
+    model.change("curves", [one]);
+    const ids = ticks();
+    model.change("x", bytes(Infinity, NaN));
+    const endless = ticks();
+    destroy();
+    tell({ without, ids, endless, listeners: model.listeners });
+    """
+    told = in_node(tmp_path, CurvePlot._esm, _PLOT + trial)
+    assert told["without"] == ["0.0", "0.5", "1.0", "image id"]
+    assert told["ids"] == ["0", "5", "10", "image id"]
+    assert told["endless"] == ["image id"]
+    assert told["listeners"] == 0
+
+
+def test_a_plot_that_is_taken_away_still_tells_where_its_cursor_was(tmp_path: Path) -> None:
+    trial = """
+    const model = new Model({ ...empty, x: bytes(0, 10) });
+    const el = page();
+    const destroy = widget.render({ model, el });
+    const key = { key: "End", preventDefault() {}, stopPropagation() {} };
+    el.of("acp-curves")[0].listeners.keydown(key);
+    const before = model.saved;
+    destroy();
+    nextFrame();
+    tell({ before, after: model.saved, cursor: model.get("cursor") });
+    """
+    assert in_node(tmp_path, CurvePlot._esm, _PLOT + trial) == {"before": 0, "after": 1, "cursor": 1}

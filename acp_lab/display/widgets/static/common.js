@@ -59,8 +59,9 @@ function pathOf(overlay) {
   return words.join("");
 }
 
-// Round numbers that divide a range into about TICKS parts.
+// Round numbers that divide a range into about TICKS parts; none where an end is not finite, as of no values.
 function ticksOf(low, high) {
+  if (!Number.isFinite(low) || !Number.isFinite(high)) return { ticks: [], digits: 0 };
   const rough = (high - low) / TICKS || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough);

@@ -41,6 +41,10 @@ class CurvePlot {
   destroy() {
     for (const [name, action] of Object.entries(this.changes)) this.model.off(name, action);
     this.resized.disconnect();
+    if (!this.pending) return;
+    // The last place of the cursor waits for an animation frame that may not come any more.
+    cancelAnimationFrame(this.pending);
+    this.model.save_changes();
   }
 
   draw() {
@@ -57,6 +61,7 @@ class CurvePlot {
     this.svg.style.height = `${height}px`;
     this.low = Math.min(...this.x);
     this.high = Math.max(...this.x);
+    if (!this.x.length) [this.low, this.high] = [0, 1]; // of no numbers they would be infinite
     if (!(this.high > this.low)) this.high = this.low + 1;
     this.readings = [];
     rows.forEach((row, i) => this.drawRow(row, i * (ROW + GAP) + GAP));
