@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def diagnose(
     config = config or DiagnosisConfig()
     usual, onset = _history(results, frame, config)
     good = _reference(results, onset)
-    frames = _frames(sequence or run.sequence, {0, good, *range(max(onset - 1, 0), frame + 1)})
+    frames = _frames(sequence or run.sequence, results, {0, good, *range(max(onset - 1, 0), frame + 1)})
     return _Case(run, object_id, results, frame, onset, good, usual, frames, config).diagnosis()
 
 
@@ -184,14 +184,19 @@ def _is_good(result: TrackResult, usual: float, config: DiagnosisConfig) -> bool
     return result.state is TrackState.TRACKING and weight_of_evidence(result.quality) >= least
 
 
-def _frames(sequence: Sequence | None, wanted: set[int]) -> dict[int, Frame | UnreadableFrame]:
-    """Frames by their count; none of a live camera, which cannot repeat them."""
+def _frames(
+    sequence: Sequence | None, results: tuple[TrackResult, ...], wanted: set[int]
+) -> dict[int, Frame | UnreadableFrame]:
+    """Frames by the count of their results, which need not cover the sequence; none of a live camera, which cannot
+    repeat them."""
     if sequence is None or not sequence.frame_ids:
         return {}
+    numbers = {results[number].frame_id: number for number in wanted if 0 <= number < len(results)}
     read = getattr(sequence, "frame", None)
     if read is not None:  # a data set: any image by its id
-        return {number: read(sequence.frame_ids[number]) for number in wanted if number < len(sequence.frame_ids)}
-    return {number: frame for number, frame in enumerate(sequence.frames(max(wanted) + 1)) if number in wanted}
+        return {numbers[frame_id]: read(frame_id) for frame_id in numbers.keys() & set(sequence.frame_ids)}
+    passing = takewhile(lambda frame: frame.index <= max(numbers), sequence.frames())
+    return {numbers[frame.index]: frame for frame in passing if frame.index in numbers}
 
 
 class _Case:
@@ -225,8 +230,9 @@ class _Case:
         found = [self.start(), *self.geometry(), *(self.motion(), self.region()) * self.is_bad]
         if evidence is not None:
             found += self.image(evidence, before, hidden)
-        if isinstance(self.frames.get(self.frame), UnreadableFrame):
-            found.append(causes.unreadable(self.result.note))
+        own = self.frames.get(self.frame)
+        if isinstance(own, UnreadableFrame):
+            found.append(causes.unreadable(own.reason))
         named = sorted((finding for finding in found if finding), key=lambda finding: -finding.severity)
         shown = self.frames.get(number)
         return Diagnosis(
@@ -305,7 +311,7 @@ class _Case:
         if self.is_bad and few is None and before is not None:
             # Hidden edges lower the quality by their share; the rest of the loss is the look of the visible ones.
             usual = weight_of_evidence(self.usual) * float(rest.mean())
-            kept = weight_of_evidence(self.result.quality) / max(usual, 1e-6)
+            kept = weight_of_evidence(self.results[self.measured_frame()].quality) / max(usual, 1e-6)
             found.append(causes.appearance(seen, before.found_share, kept, config))
         return found
 
@@ -327,10 +333,15 @@ class _Case:
         return causes.region_border(closeness, sum(a != b for a, b in pairwise(around)))
 
     def motion(self) -> Finding | None:
-        """The largest innovation since the last good frame, relative to the search range."""
+        """The largest innovation since the last good frame, relative to the search range.
+
+        Only of frames before which the part was tracked: a prediction from a weak or lost pose says nothing of motion.
+        """
         reach = self.observer.reach_px
         found = []
         for number in range(max(self.onset, 1), self.frame + 1):
+            if self.results[number - 1].state is not TrackState.TRACKING:
+                continue
             shown, innovation = self.frames.get(number), self.innovation_px(number)
             if isinstance(shown, Frame) and innovation is not None:
                 found.append((innovation, reach(shown.camera, self.pose(number - 1))))

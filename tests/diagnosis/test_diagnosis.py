@@ -17,13 +17,14 @@ from acp_lab.diagnosis import causes
 from acp_lab.diagnosis.causes import Cause, DiagnosisConfig
 from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose
 from acp_lab.diagnosis.frame_evidence import PartObserver, image_motion
+from acp_lab.diagnosis.recorded_run import run_from_rows
 from acp_lab.errors import SequenceError
 from acp_lab.evaluation.evaluation import frame_errors
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import ACP, ACP_EDGES
 from acp_lab.tracking.method_file import to_toml
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
@@ -181,6 +182,36 @@ def test_an_unreadable_image(model: PreparedPart, images: list[ByteImage], truth
     assert diagnosis.image is None
 
 
+def test_the_reason_of_an_unreadable_image_is_that_of_its_file(
+    part: Part, model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]
+) -> None:
+    """A run from a results file knows nothing of it, and says other things of the frame."""
+    torn: list[ByteImage | None] = list(images)
+    torn[TROUBLE] = None
+    run = track(model, torn, truth)
+    assert run.sequence is not None
+    again = run_from_rows(run.rows, run.sequence, {1: part}, "acp")
+    (finding,) = [one for one in diagnose(again, TROUBLE).findings if one.cause is Cause.UNREADABLE]
+    assert finding.text == f"{2 * TROUBLE:06d}.png: the file is empty"
+
+
+def test_a_lost_part_is_judged_by_the_image_that_is_measured(
+    model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]
+) -> None:
+    """Without truth that is the first of the bad stretch; the quality of a later image says nothing of its look."""
+    fading = list(images)
+    for number, share in zip(range(TROUBLE - 1, FRAMES), (0.85, 0.5, 0.03, 0.0), strict=True):
+        faint = 100.0 + share * (images[number].astype(np.float64) - 100.0)
+        fading[number] = np.round(faint).astype(np.uint8)
+    run = without_truth(track(model, fading, truth))
+    lost = [replace(result, state=TrackState.LOST, quality=0.01) for result in run.results[1][TROUBLE + 1 :]]
+    weak = replace(run.results[1][TROUBLE], state=TrackState.WEAK, quality=0.4)
+    diagnosis = diagnose(replace(run, results={1: (*run.results[1][:TROUBLE], weak, *lost)}), -1)
+    assert diagnosis.measured_frame == diagnosis.onset == TROUBLE
+    found = {finding.cause: finding.severity for finding in diagnosis.findings}
+    assert found.get(Cause.APPEARANCE, 1.0) < 3.0
+
+
 # ---- what the part does ----------------------------------------------------------------------------------------
 
 
@@ -220,6 +251,20 @@ def test_motion_is_measured_from_the_trackers_own_prediction(part: Part, model: 
         found[prediction.kind] = [f.measured for f in diagnosis.findings if f.cause is Cause.FAST_MOTION]
     assert found["last-pose"] == [pytest.approx(step_px, abs=1.0)]
     assert found["constant-velocity"] == []
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_prediction_from_a_lost_pose_says_nothing_of_motion(good: TrackRun, known: bool) -> None:
+    """A tracker that lost the part by a board before it is far from it, however slowly the part moves."""
+    results = list(good.results[1])
+    for number in range(TROUBLE, FRAMES):
+        off = results[number].cam_T_obj.copy()
+        off[:3, 3] += (60.0 + 8.0 * (number % 2), 0.0, 0.0)
+        results[number] = replace(results[number], state=TrackState.LOST, quality=0.02, cam_T_obj=off)
+        if number > TROUBLE:
+            results[number] = replace(results[number], predicted=results[number - 1].cam_T_obj)
+    run = replace(good, results={1: tuple(results)})
+    assert Cause.FAST_MOTION not in diagnose(run if known else without_truth(run), -1).causes
 
 
 def test_partly_outside(part: Part, model: PreparedPart, truth: list[FloatArray]) -> None:
@@ -361,6 +406,45 @@ def test_a_part_behind_the_camera_shows_nothing(part: Part, images: list[ByteIma
     evidence = PartObserver(part).measure(images[0], CAMERA, behind)
     assert evidence.found_share == 0.0
     assert evidence.outside == 1.0
+
+
+# ---- results and images ----------------------------------------------------------------------------------------
+
+
+class _ByImageId(MadeSequence):
+    """A data set, which reads any image by its id."""
+
+    def frame(self, frame_id: int) -> Frame | UnreadableFrame:
+        return next(frame for frame in self.frames() if frame.index == frame_id)
+
+
+@pytest.mark.parametrize("kind", [MadeSequence, _ByImageId])
+def test_results_that_begin_late_or_have_gaps_are_held_against_their_own_images(
+    good: TrackRun, images: list[ByteImage], truth: list[FloatArray], kind: type[MadeSequence]
+) -> None:
+    results = tuple(good.results[1][number] for number in (2, 3, 5, 6))
+    run = replace(good, results={1: results}, sequence=kind(list(images), {1: truth}))
+    for number, image in enumerate((2, 3, 5, 6)):
+        diagnosis = diagnose(run, number)
+        assert diagnosis.frame_id == 2 * image
+        np.testing.assert_array_equal(diagnosis.image, images[image])
+
+
+def test_without_a_good_frame_before_there_is_nothing_to_compare_with(
+    good: TrackRun, images: list[ByteImage], truth: list[FloatArray]
+) -> None:
+    """The last image of the sequence, of all, was taken for it."""
+    bad = [replace(result, state=TrackState.WEAK, quality=0.2) for result in good.results[1]]
+    dark = np.full_like(images[0], 40)
+    covered = [dark.copy() for _ in images]
+    for image, shown in zip(covered, images, strict=True):
+        image[:, CAMERA.width // 2 :] = shown[:, CAMERA.width // 2 :]
+    covered[-1] = images[-1]
+    run = replace(good, results={1: tuple(bad)}, sequence=_ByImageId(list(covered), {1: truth}))
+    first = diagnose(run, 0)
+    without_last = replace(run, sequence=_ByImageId(list(covered[:-1]), {1: truth}))
+    assert [str(finding) for finding in first.findings] == [str(finding) for finding in diagnose(without_last, 0).findings]
+    np.testing.assert_array_equal(first.hidden, diagnose(without_last, 0).hidden)
 
 
 # ---- bad input -------------------------------------------------------------------------------------------------
