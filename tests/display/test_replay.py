@@ -265,6 +265,14 @@ def test_how_exact_the_pose_is(recording: Recording) -> None:
     assert [("known to 1.15 deg, 9.00 mm" in text) for text in texts] == [True, True, False, True]
 
 
+def test_a_covariance_that_is_not_finite_is_none(tmp_path: Path) -> None:
+    """It ended the recording."""
+    nothing = np.full((6, 6), np.nan)
+    play([Replay(tmp_path / "run.rrd")], results=lambda f, i: replace(recorded(f, i), covariance=nothing))
+    rows = Recording.read(tmp_path / "run.rrd").on_frames("/uncertainty/obj_000001", "half_sizes")
+    assert [len(row.value) for row in rows] == [0] * len(FRAMES)
+
+
 # ---- words -----------------------------------------------------------------------------------------------------
 
 

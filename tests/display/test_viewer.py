@@ -14,6 +14,7 @@ import pytest
 import traitlets
 
 from acp_lab.display.replay import viewer
+from acp_lab.display.replay.images import ImageWriter
 from acp_lab.display.replay.viewer import RunViewer, notebook_viewer, record, show
 from acp_lab.display.widgets.keyboard_guard import KeyboardGuard
 from acp_lab.display.widgets.telemetry_guard import TelemetryGuard
@@ -119,6 +120,27 @@ def test_two_runs_go_below_two_roots(run: TrackRun, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(viewer, "notebook_viewer", lambda: Viewer)
     both = show(run, replace(run, method="acp-paper"))
     assert both.frame_at("frame", 2.0) == 2
+
+
+def test_results_with_gaps_go_with_their_own_images(run: TrackRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    put: list[tuple[int, int]] = []
+    whole = ImageWriter.put
+
+    def watched(writer: ImageWriter, moment: Any, entity: str, image: Any, *rest: Any, **more: Any) -> None:
+        if entity == "camera/image":
+            put.append((moment.frame, int(image[0, 0, 0])))
+        whole(writer, moment, entity, image, *rest, **more)
+
+    monkeypatch.setattr(ImageWriter, "put", watched)
+    _, moments = record({"": replace(run, results={1: (run.results[1][1], run.results[1][3])})})
+    assert [moment.frame for moment in moments] == [0, 1]
+    assert put == [(0, 30 * FRAME_IDS[1]), (1, 30 * FRAME_IDS[3])]
+
+
+def test_of_two_runs_the_longer_one_is_shown_to_its_end(run: TrackRun) -> None:
+    short = replace(run, results={1: run.results[1][:2]})
+    for runs in ({"a": run, "b": short}, {"a": short, "b": run}):
+        assert len(record(runs)[1]) == len(FRAME_IDS)
 
 
 def test_a_run_whose_images_are_gone(run: TrackRun) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 GUESSED_FPS = 30.0
-"""For the timeline `time` of sequences that know no times."""
+"""For the timeline `time` of sequences that know no times; of others, until the step between two frames is known."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +39,29 @@ class RunningClock:
 
     def __init__(self) -> None:
         self._next = Moment(0, 0.0, 0)
-        self._scene_start_s = 0.0
+        self.new_scene()
 
     def new_scene(self) -> None:
         """The times of the frames to come begin at zero again; those of the replay go on."""
-        self._scene_start_s = self._next.time_s
+        self._scene_start_s = self._last_s = self._next.time_s
+        self._step_s = 1.0 / GUESSED_FPS
+        self._is_known = self._was_known = False
 
     def begin(self, frame: Frame | UnreadableFrame) -> Moment:
-        """When a frame begins."""
+        """When a frame begins; may be asked again until it ends."""
         known = frame.time_s if isinstance(frame, Frame) else None
+        self._is_known = known is not None
         if known is not None:
-            self._next = replace(self._next, time_s=self._scene_start_s + known)
+            # Guesses for frames before it may have gone too far.
+            self._next = replace(self._next, time_s=max(self._scene_start_s + known, self._last_s))
         return self._next
 
     def end(self, iterations: int) -> Moment:
         """When the frame ends, so many iterations later; the next one begins after that."""
         now = self._next
+        if self._is_known and self._was_known and now.time_s > self._last_s:
+            self._step_s = now.time_s - self._last_s
+        self._last_s, self._was_known = now.time_s, self._is_known
         last = replace(now, step=now.step + iterations)
-        self._next = Moment(now.frame + 1, now.time_s + 1.0 / GUESSED_FPS, last.step + 1)
+        self._next = Moment(now.frame + 1, now.time_s + self._step_s, last.step + 1)
         return last

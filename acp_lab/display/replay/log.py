@@ -7,6 +7,7 @@ thread does all this but for the images, so it is kept cheap: what never changes
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import cv2
@@ -97,7 +98,8 @@ class RunLog:
         self._log.at(end)
         self._log.row("image_id", rr.Scalars, scalars=np.array([float(frame.index)]))
         truth = self._session.truth
-        for object_id, result in results.items():
+        for object_id, given in results.items():
+            result = _with_finite_covariance(given)
             cam_T_true = truth(frame.index, object_id) if truth is not None else None
             self._objects[object_id].result(result, frame.camera, cam_T_true)
             self._curves[object_id].result(frame, result, cam_T_true)
@@ -163,6 +165,13 @@ def behind(session: SessionInfo, results: Mapping[int, TrackResult]) -> float:
         for object_id, result in results.items()
     ]
     return max((depth for depth in depths if depth > 0.0), default=100.0)
+
+
+def _with_finite_covariance(result: TrackResult) -> TrackResult:
+    """One that is not finite has no axes and no spread: it says nothing, like none."""
+    if result.covariance is None or np.isfinite(result.covariance).all():
+        return result
+    return replace(result, covariance=None)
 
 
 def _centre(box_centre: FloatArray, result: TrackResult) -> FloatArray:

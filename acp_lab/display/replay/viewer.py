@@ -12,7 +12,9 @@ import contextlib
 import io
 import os
 import sys
+from collections import defaultdict
 from collections.abc import Mapping
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import traitlets
@@ -40,8 +42,8 @@ class RunViewer(traitlets.HasTraits):
 
     It leaves the keyboard to the notebook until someone clicks into it.
 
-    frame: the frame that is shown, counted from 0. It follows the viewer, and the viewer follows it:
-    `traitlets.link((viewer, "frame"), (player, "frame"))` keeps another widget in step.
+    frame: the frame that is shown, counted from 0 over those with results. It follows the viewer, and the viewer
+    follows it: `traitlets.link((viewer, "frame"), (player, "frame"))` keeps another widget in step.
     widget: rerun's own notebook viewer.
     """
 
@@ -139,7 +141,8 @@ def record(runs: Mapping[str, TrackRun]) -> tuple[RecordingStream, tuple[Moment,
     images = ImageWriter(recording)
     try:
         for root, run in runs.items():
-            moments = _log_run(recording, images, run, root)
+            # Two runs may differ in length; the viewer's time goes to the end of the longer one.
+            moments = max(moments, _log_run(recording, images, run, root), key=len)
     finally:
         images.close()
     if len(runs) > 1:
@@ -161,15 +164,19 @@ def _log_run(recording: RecordingStream, images: ImageWriter, run: TrackRun, roo
     assert run.sequence is not None
     log = RunLog(recording, images, _session(run), "all", root=f"{root}/" if root else "", label=root.upper())
     clock, moments = RunningClock(), []
-    count = max(len(results) for results in run.results.values())
-    for number, frame in enumerate(run.sequence.frames(count)):
+    # Results need not cover the sequence: a results file may begin late, or leave images out.
+    by_image: dict[int, dict[int, TrackResult]] = defaultdict(dict)
+    for object_id, results in run.results.items():
+        for result in results:
+            by_image[result.frame_id][object_id] = result
+    last = max(by_image, default=-1)
+    for frame in takewhile(lambda frame: frame.index <= last, run.sequence.frames()):
+        if frame.index not in by_image:
+            continue
         moments.append(clock.begin(frame))
-        if number == 0:
+        if len(moments) == 1:
             log.begin(moments[0])
-        of_frame: dict[int, TrackResult] = {
-            object_id: results[number] for object_id, results in run.results.items() if number < len(results)
-        }
-        log.frame(frame, of_frame, clock)
+        log.frame(frame, by_image[frame.index], clock)
     log.end()
     return moments
 

@@ -1,0 +1,46 @@
+"""The clock of a replay: time never runs backwards."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.display.replay.clock import GUESSED_FPS, RunningClock
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from tests.display.made_run import CAMERA
+
+FPS = 120.0
+
+
+def times_of(clock: RunningClock, readable: str) -> list[float]:
+    """When frames at 120 per second begin; "x" is one that cannot be read."""
+    times = []
+    for number, kind in enumerate(readable):
+        image = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+        frame = UnreadableFrame(number, CAMERA, "torn") if kind == "x" else Frame(number, image, CAMERA, number / FPS)
+        clock.begin(frame)
+        times.append(clock.begin(frame).time_s)  # asked twice, as a recorder does
+        clock.end(0)
+    return times
+
+
+def test_frames_that_cannot_be_read_keep_the_pace_of_the_others() -> None:
+    np.testing.assert_allclose(times_of(RunningClock(), "ooxxooxxxo"), np.arange(10) / FPS)
+
+
+@pytest.mark.parametrize("readable", ["oxxooooo", "xxoooo"])
+def test_time_never_runs_backwards(readable: str) -> None:
+    """Where no step is known yet, the guess may be too long."""
+    clock = RunningClock()
+    for _ in range(2):
+        assert (np.diff(times_of(clock, readable)) >= 0.0).all()
+        clock.new_scene()
+
+
+def test_a_scene_begins_after_the_last_one_and_guesses_anew() -> None:
+    clock = RunningClock()
+    first = times_of(clock, "ooo")
+    clock.new_scene()
+    second = times_of(clock, "xx")
+    assert second[0] > first[-1]
+    assert second[1] - second[0] == pytest.approx(1.0 / GUESSED_FPS)
