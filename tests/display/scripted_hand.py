@@ -14,13 +14,12 @@ from acp_lab.sequences.frame import Frame
 
 
 def drag(canvas: PointCanvas, index: int, target: FloatArray, steps: int = 4) -> None:
-    """Drag one point to a pixel (2,) in a few animation frames, and let go there."""
+    """Drag one point to a pixel (2,) in a few animation frames; the message that lets go tells the last place."""
     start = canvas.points[index]
     for step in range(1, steps + 1):
         points = canvas.points.tolist()
         points[index] = (start + (np.asarray(target) - start) * step / steps).tolist()
-        canvas.set_state({"points": points, "dragging": True})
-    canvas.set_state({"points": canvas.points.tolist(), "dragging": False})
+        canvas.set_state({"points": points, "dragging": step < steps})
 
 
 def view_from_beside(

@@ -231,6 +231,56 @@ def test_each_corner_tells_how_far_off_it_is(aligner: PoseAligner) -> None:
     assert aligner.picture.labels == ()
 
 
+def test_undo_solves_the_pairs_that_are_left(aligner: PoseAligner) -> None:
+    """The last of five is 25 px off; without it the pose is good again, and so is what is said of it."""
+    truth, chooser = sample_scene().first_pose, aligner.chooser
+    click_corners(aligner, 4)
+    pose = aligner.cam_T_obj
+    other = next(int(row) for row in chooser.seen_corners()[::-1] if int(row) not in aligner.pairs._corners)
+    aligner.pairs.choose(other)
+    pixel = first_frame().camera.project(transform(truth, chooser.corners_obj[[other]]))[0]
+    aligner.pairs.place(pixel + 25.0)
+    assert add_percent(aligner.cam_T_obj) > 0.5
+    aligner.picture.undo()
+    assert aligner.pairs.count == len(aligner.picture.points) == len(aligner.picture.labels) == 4
+    assert aligner.message.value.startswith("4 corners")
+    np.testing.assert_allclose(aligner.cam_T_obj, pose, atol=1e-6)
+
+
+def test_what_reset_took_away_undo_brings_back_with_its_corners(aligner: PoseAligner) -> None:
+    click_corners(aligner, 5)
+    corners, pose, said = list(aligner.pairs._corners), aligner.cam_T_obj, aligner.message.value
+    aligner.picture.reset()
+    assert aligner.pairs.count == 0
+    aligner.pairs.choose(corners[3])
+    aligner.pairs.place(np.array([50.0, 60.0]))
+    assert aligner.pairs.count == 1
+    aligner.picture.undo()
+    aligner.picture.undo()
+    assert aligner.pairs._corners == corners
+    assert aligner.message.value == said
+    np.testing.assert_allclose(aligner.cam_T_obj, pose, atol=1e-6)
+
+
+def test_undo_after_a_turn_to_another_face_stays_with_its_points(aligner: PoseAligner) -> None:
+    """Points of the face that was seen before are other points: a pose from them is thrown about."""
+    aligner.cam_T_obj = sample_scene().first_pose
+    before = aligner.region
+    aligner.cad_view.dragging = True
+    for step in range(1, 12):
+        aligner.cad_view.orbit = (40.0 * step, 0.0)
+        if aligner.region != before:
+            break
+    assert aligner.region != before, "the test's own point is gone"
+    aligner.cad_view.orbit = (40.0 * step + 8.0, 0.0)
+    aligner.cad_view.dragging = False
+    turned = aligner.cam_T_obj
+    for _ in range(3):
+        aligner.editor.undo()
+    assert rotation_angle_deg(turned[:3, :3], aligner.cam_T_obj[:3, :3]) < 5.0
+    np.testing.assert_allclose(aligner.points_at(aligner.cam_T_obj), aligner.editor.points, atol=3.0)
+
+
 def test_the_model_turns_below_the_hand_and_its_axes_with_it(aligner: PoseAligner) -> None:
     """The side that faces the eye goes where the hand goes; buttons stay with the camera's axes."""
     chooser = aligner.chooser

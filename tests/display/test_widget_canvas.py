@@ -79,6 +79,30 @@ def test_points_settle_once_when_the_hand_lets_go() -> None:
     assert len(settled) == 2
 
 
+def test_points_settle_when_all_have_heard_of_them() -> None:
+    made, heard = canvas(), []
+    made.observe(lambda _: heard.append("settled"), "settled")
+    made.observe(lambda _: heard.append("points"), "points")
+    for change in (made.undo, made.reset):
+        drag(made, 1, np.array([70.0, 20.0]), steps=1)
+        change()
+        assert heard == ["points", "settled"] * 2
+        heard.clear()
+
+
+def test_a_restart_below_a_hand_that_drags_leaves_no_old_points_to_go_back_to() -> None:
+    made = canvas()
+    made.dragging = True
+    made.points = POINTS + 1.0
+    made.restart(POINTS + 20.0)
+    made.points = POINTS + 25.0
+    made.dragging = False
+    made.undo()
+    np.testing.assert_allclose(made.points, POINTS + 20.0)
+    made.undo()
+    np.testing.assert_allclose(made.points, POINTS + 20.0)
+
+
 def test_undo_and_reset_as_the_buttons_ask_for_them() -> None:
     made = canvas()
     drag(made, 0, np.array([20.0, 25.0]))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from acp_lab.display.widgets.manipulation_explorer import ManipulationExplorer
+from acp_lab.display.widgets.picture import jpeg_bytes
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.pose import rotation_angle_deg
 from tests.display.scripted_hand import drag
@@ -31,6 +32,22 @@ def test_panels_follow_while_the_picture_waits_for_the_release(explorer: Manipul
     assert explorer.editor.image == picture
     explorer.editor.set_state({"dragging": False})
     assert explorer.editor.image != picture
+
+
+def test_the_picture_shows_the_pose_of_the_last_change(explorer: ManipulationExplorer) -> None:
+    def shows_its_pose() -> bool:
+        return bool(explorer.editor.image == jpeg_bytes(explorer._shaded()))
+
+    editor = explorer.editor
+    moved = [[x + 10.0 * (number == 0), y] for number, (x, y) in enumerate(editor.points.tolist())]
+    editor.set_state({"points": moved, "dragging": False})  # an arrow key
+    assert shows_its_pose()
+    drag(editor, 2, editor.points[2] + (7.0, 12.0))
+    assert shows_its_pose()
+    editor.undo()
+    assert shows_its_pose()
+    editor.reset()
+    assert shows_its_pose()
 
 
 def test_rigid_motions_come_from_buttons(explorer: ManipulationExplorer) -> None:

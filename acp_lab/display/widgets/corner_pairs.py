@@ -23,12 +23,13 @@ class CornerPairs:
     def __init__(self, view: CadView, picture: PointCanvas) -> None:
         self.view, self.picture = view, picture
         self._corners: list[int] = []
+        self._corners_at: dict[bytes, tuple[int, ...]] = {}  # by the points that they had
         self._waiting: int | None = None
         view.clickable = picture.clickable = True
         view.on_click(self._corner_clicked)
         picture.on_click(self.place)
         view.observe(lambda _: self.show(), "image")
-        picture.observe(lambda _: self._forget_undone(), "points")
+        picture.observe(lambda _: self._follow_undo(), "points")
         self.show()
 
     @property
@@ -52,12 +53,13 @@ class CornerPairs:
         else:
             self._corners.append(corner)
             points = np.vstack([points, pixel])
+        self._corners_at[points.tobytes()] = tuple(self._corners)
         self.picture.points = points
         self.show()
 
     def clear(self) -> None:
         """Forget all pairs."""
-        self._corners, self._waiting = [], None
+        self._corners, self._corners_at, self._waiting = [], {}, None
         self.picture.restart(np.zeros((0, 2)))
         self.show()
 
@@ -94,9 +96,12 @@ class CornerPairs:
         if corner is not None:
             self.choose(corner)
 
-    def _forget_undone(self) -> None:
-        """Undo in the picture takes points away; their pairs go with them."""
-        count = len(self.picture.points)
-        if count < len(self._corners):
-            self._corners = self._corners[:count]
+    def _follow_undo(self) -> None:
+        """Undo and reset in the picture take points away, and undo brings them back; their corners go with them."""
+        points = self.picture.points
+        key, count = points.tobytes(), len(points)
+        if count == len(self._corners):
+            self._corners_at[key] = tuple(self._corners)  # moved by hand
+        else:
+            self._corners = list(self._corners_at.get(key, self._corners[:count]))
             self.show()

@@ -3,7 +3,8 @@
 Convention: px of the full image, (x, y), the centre of the top-left pixel at (0, 0). Traits hold values, not
 places to write to: `points` is a read-only array, and a change is an assignment. Two of them tell of the hand:
 `dragging` is true while a point is held, `settled` is what `points` were when it was last let go. Whoever draws
-something light observes `points`, which follows the pointer; whoever computes observes `settled`.
+something light observes `points`, which follows the pointer; whoever computes observes `settled`, which changes only
+when all observers of `points` have been told.
 """
 
 from __future__ import annotations
@@ -155,12 +156,18 @@ class PointCanvas(anywidget.AnyWidget):
             self.points = self._history[0]
 
     def restart(self, points: ArrayLike) -> None:
-        """Take new points (n, 2) as the first ones: what undo and reset go back to."""
+        """Take new points (n, 2) as the first ones: what undo and reset go back to, also while something is dragged."""
         self.points = points
+        self.settled = self.points
         self._history = [self.settled]
 
-    @traitlets.observe("points", "dragging")
-    def _settle(self, _: object = None) -> None:
+    def notify_change(self, change: Any) -> None:
+        """As of every widget; the points settle afterwards, so that whoever hears of it finds the others up to date."""
+        super().notify_change(change)
+        if change["name"] in ("points", "dragging"):
+            self._settle()
+
+    def _settle(self) -> None:
         if self.dragging or np.array_equal(self.points, self.settled):
             return
         self.settled = self.points
