@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from acp_lab.display.widgets.picture import jpeg_bytes, png_bytes
 from acp_lab.display.widgets.point_canvas import STATIC, Axis, PointCanvas
 from acp_lab.errors import AcpLabError
 from acp_lab.generator.base import GeneratedEdges
+from tests.display.node_page import in_node
 from tests.display.scripted_hand import drag
 
 POINTS = np.array([[10.0, 10.0], [60.0, 12.0], [55.0, 40.0]])
@@ -179,3 +183,95 @@ def test_the_drawing_is_one_module_that_fetches_nothing() -> None:
     for path in STATIC.iterdir():
         addresses = path.read_text().replace("http://www.w3.org/2000/svg", "")
         assert "http" not in addresses, path.name
+
+
+# ---- fingers on the canvas ---------------------------------------------------------------------------------------
+
+_FINGERS = """
+const model = new Model({
+  image: new DataView(new ArrayBuffer(0)), image_size: [640, 480], overlays: [], labels: [], active: -1, problem: "",
+  points: [[100, 100], [300, 100], [300, 300], [100, 300]], closed: false, editable: true, clickable: true,
+  orbits: false, orbit: [0, 0], dragging: false, title: "", status: "", view: [], axes: [], height_px: 480,
+});
+const el = page();
+widget.render({ model, el });
+const ground = el.of("acp-svg")[0];
+const view = () => ground.getAttribute("viewBox").split(" ").map(Number);
+const finger = (type, pointerId, clientX, clientY, target = ground) => {
+  const event = { type, pointerId, clientX, clientY, target, button: 0, buttons: 1, preventDefault() {} };
+  ground.listeners[type](event);
+};
+"""
+
+
+def on_the_canvas(folder: Path, trial: str) -> Any:
+    return in_node(folder, PointCanvas._esm, _FINGERS + trial)
+
+
+def test_a_second_finger_beside_a_dragged_point_does_not_throw_the_view(tmp_path: Path) -> None:
+    trial = """
+    const handle = el.of("acp-handle")[0];
+    finger("pointerdown", 1, 100.5, 100.5, handle);
+    for (let x = 120; x <= 300; x += 20) finger("pointermove", 1, x + 0.5, 100.5, handle), nextFrame();
+    finger("pointermove", 1, 305.5, 100.5, handle); // its animation frame is still to come
+    finger("pointerdown", 2, 400.5, 100.5);
+    const put = { point: model.get("points")[0], dragging: model.get("dragging") };
+    const before = view();
+    finger("pointermove", 1, 304.5, 100.5, handle);
+    tell({ ...put, before, after: view() });
+    """
+    told = on_the_canvas(tmp_path, trial)
+    assert told["before"] == [-0.5, -0.5, 640, 480]
+    np.testing.assert_allclose(told["after"], told["before"], atol=10.0)
+    # What was dragged stays where it was last, and the kernel hears that it was let go.
+    assert told["point"] == [305, 100]
+    assert told["dragging"] is False
+
+
+def test_a_second_finger_beside_a_turn_does_not_throw_the_view(tmp_path: Path) -> None:
+    trial = """
+    model.set("orbits", true);
+    finger("pointerdown", 1, 500.5, 400.5);
+    for (let x = 480; x >= 300; x -= 20) finger("pointermove", 1, x + 0.5, 400.5), nextFrame();
+    finger("pointerdown", 2, 200.5, 400.5);
+    finger("pointermove", 1, 301.5, 400.5);
+    tell({ view: view(), orbit: model.get("orbit"), dragging: model.get("dragging") });
+    """
+    told = on_the_canvas(tmp_path, trial)
+    np.testing.assert_allclose(told["view"], [-0.5, -0.5, 640, 480], atol=10.0)
+    assert told["orbit"] == [-200, 0]
+    assert told["dragging"] is False
+
+
+def test_two_fingers_pinch_and_never_click(tmp_path: Path) -> None:
+    trial = """
+    const tap = (id) => (finger("pointerdown", id, 200.5, 200.5), finger("pointerup", id, 200.5, 200.5));
+    tap(1);
+    const one = model.sent.length;
+    finger("pointerdown", 2, 200.5, 200.5);
+    finger("pointerdown", 3, 400.5, 200.5);
+    finger("pointerup", 2, 200.5, 200.5);
+    finger("pointerup", 3, 400.5, 200.5);
+    const two = model.sent.length - one;
+    tap(4);
+    finger("pointerdown", 5, 200.5, 200.5);
+    finger("pointerdown", 6, 400.5, 200.5);
+    finger("pointermove", 6, 600.5, 200.5);
+    tell({ one, two, three: model.sent.length, width: view()[2] });
+    """
+    told = on_the_canvas(tmp_path, trial)
+    assert (told["one"], told["two"], told["three"]) == (1, 0, 2)
+    assert told["width"] == pytest.approx(320.0)
+
+
+def test_an_image_of_another_size_keeps_the_view_that_the_kernel_wants(tmp_path: Path) -> None:
+    trial = """
+    model.set("view", [40, 30, 64, 48]);
+    model.change("image_size", [320, 240]);
+    const wanted = view();
+    model.set("view", []);
+    model.change("image_size", [300, 200]);
+    tell({ wanted, whole: view() });
+    """
+    told = on_the_canvas(tmp_path, trial)
+    assert told == {"wanted": [40, 30, 64, 48], "whole": [-0.5, -0.5, 300, 200]}

@@ -13,7 +13,7 @@ from acp_lab.bench.protocol import SequenceKey, Task
 from acp_lab.bench.workbench import Workbench
 from acp_lab.course.side_by_side import workbench
 from acp_lab.course.workshop import FOLDER_VARIABLE
-from acp_lab.display.widgets.run_comparison import ADD_ROW, RunComparison
+from acp_lab.display.widgets.run_comparison import ADD_ROW, RunComparison, _around
 from acp_lab.sequences.bop import open_sequence
 from tests.bench.made_runs import made_run
 from tests.prepared_sample import sample_scene
@@ -142,3 +142,16 @@ def test_the_sample_backwards_is_the_sample_from_its_end(bench: Workbench) -> No
     written = turned.image_paths[first].stat().st_mtime_ns
     assert workbench().roots["backwards"] == bench.roots["backwards"]
     assert turned.image_paths[first].stat().st_mtime_ns == written
+
+
+@pytest.mark.parametrize("size", [(640, 480), (480, 640), (480, 480)])
+@pytest.mark.parametrize("extent", [(100.0, 40.0), (40.0, 100.0), (400.0, 60.0)])
+def test_the_film_shows_the_whole_part(size: tuple[int, int], extent: tuple[float, float]) -> None:
+    """Also where the image stands upright."""
+    middle = 0.5 * np.array(size)
+    corners = np.array([middle - 0.5 * np.array(extent), middle + 0.5 * np.array(extent)])
+    left, top, width, height = _around(corners[None], size)
+    assert (corners > (left, top)).all()
+    assert (corners < (left + width, top + height)).all()
+    assert width / height == pytest.approx(size[0] / size[1])
+    assert width <= size[0]

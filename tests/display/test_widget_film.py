@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from acp_lab.display.widgets.film_canvas import FilmCanvas, Picture
 from acp_lab.display.widgets.overlay import Overlay
 from acp_lab.errors import SequenceError
+from tests.display.node_page import in_node
 
 
 def picture_of(frame: int) -> Picture:
@@ -83,3 +85,35 @@ def test_the_kernel_moves_the_film_and_only_hears_where_the_hand_moved_it() -> N
     assert film.seek == (times + 1, 4), "a film that plays is not thrown back to where it was"
     film.frame = 99
     assert film.frame == 4
+
+
+def test_a_view_that_is_made_anew_begins_where_the_film_is() -> None:
+    film = FilmCanvas(picture_of, 5)
+    assert film.get_state()["place"] == 0
+    film._hear(None, {"kind": "at", "frame": 3}, [])
+    assert film.get_state()["place"] == 3
+    film.frame = 1
+    assert film.get_state()["place"] == 1
+    film.frame = 4
+    film.renew(3)
+    assert film.get_state()["place"] == 2
+
+
+def test_a_second_view_asks_for_the_pictures_from_its_place_on(tmp_path: Path) -> None:
+    trial = """
+    const state = {
+      image: new DataView(new ArrayBuffer(0)), image_size: [20, 10], overlays: [], points: [], labels: [], active: -1,
+      closed: false, editable: false, problem: "", title: "", status: "", view: [], axes: [], height_px: 300,
+      count: 5, interval_ms: 40, repeat: false, seek: [1, 0], place: 3, edition: 1,
+    };
+    const model = new Model(state);
+    const el = page();
+    const destroy = widget.render({ model, el });
+    const [{ frames }] = model.sent;
+    destroy();
+    tell({ frames, told: model.sent.slice(1), listeners: model.listeners });
+    """
+    told = in_node(tmp_path, FilmCanvas._esm, trial)
+    assert told["frames"][0] == 3
+    assert told["told"] == []
+    assert told["listeners"] == 0

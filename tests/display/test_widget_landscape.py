@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from acp_lab.display.widgets.loss_landscape import BCE, LossLandscape, map_picture
+from acp_lab.display.widgets.point_canvas import Axis
 from acp_lab.sequences.frame import Frame
 from tests.display.scripted_hand import drag
 from tests.prepared_sample import sample_model, sample_scene
@@ -26,6 +27,25 @@ def test_the_way_starts_where_the_point_was_let_go(widget: LossLandscape) -> Non
     np.testing.assert_allclose(widget.descent.offsets[0], widget.start_offsets)
     u, v = widget.map.axes
     np.testing.assert_allclose(widget.start_offsets[:2], [u.value(100.0, 360), v.value(250.0, 360)])
+
+
+def test_a_value_is_drawn_where_the_axes_have_it(widget: LossLandscape) -> None:
+    count = 33
+    offsets = np.linspace(-8.0, 8.0, count)
+    axis = Axis("turn", "°", -8.0, 8.0)
+    for number in (3, 16, 28):
+        ridge = np.zeros((count, count))
+        ridge[:, number] = 1.0
+        bright = map_picture(ridge)[0].astype(int).sum(2)
+        columns = np.flatnonzero(bright[180] > 0.9 * bright.max())
+        assert columns.mean() == pytest.approx(axis.place(offsets[number], 360), abs=1.0)
+        np.testing.assert_array_equal(map_picture(ridge.T)[0], map_picture(ridge)[0].transpose(1, 0, 2))
+    # The cuts go through the value nearest to the start, also near the rim.
+    for number in (3, 28):
+        u, v = widget.map.axes
+        offset = u.low + number / (count - 1) * (u.high - u.low)
+        widget.map.points = [[u.place(offset, 360) - 4.5, v.place(0.0, 360) + 4.5]]
+        assert [cut.cursor for cut in widget.cuts] == [number, 16]
 
 
 def test_form_and_alpha_change_the_map_without_asking_the_frame_again(widget: LossLandscape) -> None:

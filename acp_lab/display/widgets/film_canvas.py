@@ -48,6 +48,8 @@ class FilmCanvas(PointCanvas):
     repeat = traitlets.Bool(False).tag(sync=True)
     seek = traitlets.Tuple(traitlets.Int(), traitlets.Int(), default_value=(0, 0)).tag(sync=True)
     """(how often, where to): what the kernel tells the browser; where the browser is comes as a message."""
+    place = traitlets.Int(0).tag(sync=True)
+    """Where a view that is made anew begins: the frame, whoever moved it. Views that are there do not listen to it."""
     edition = traitlets.Int(0).tag(sync=True)
     """Counts up when all pictures change: those on their way are then of no use."""
 
@@ -82,6 +84,7 @@ class FilmCanvas(PointCanvas):
 
     @traitlets.observe("frame")
     def _tell_browser(self, _: object) -> None:
+        self.place = self.frame
         if not self._is_told:
             self.seek = (self.seek[0] + 1, self.frame)
 

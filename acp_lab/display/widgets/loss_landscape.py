@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import ipywidgets
 import numpy as np
+from numpy.typing import ArrayLike
 
 from acp_lab.display.look import GENERATED, POINTS, START
 from acp_lab.display.widgets.controls import row, side_by_side
@@ -200,7 +201,7 @@ class LossLandscape(Still, ipywidgets.VBox):
             return []
 
     def _show_cuts(self, over: LossSlice) -> None:
-        place = np.clip(np.round(self.map.points[0] / MAP_PX * (GRID - 1)), 0, GRID - 1).astype(int)
+        place = np.clip(np.round(_on_grid(self.map.points[0], GRID)), 0, GRID - 1).astype(int)
         column, line = int(place[0]), int(place[1])
         through = (
             (over.u, over.offsets_u, self._values[line], column),
@@ -221,10 +222,17 @@ def map_picture(values: FloatArray) -> tuple[ByteImage, float, float]:
     finite = values[np.isfinite(values)]
     low, high = (float(x) for x in np.quantile(finite, (0.02, 0.98))) if len(finite) else (0.0, 1.0)
     share = np.clip((np.nan_to_num(values, nan=high) - low) / max(high - low, 1e-12), 0.0, 1.0)
-    fine = cv2.resize(share.astype(np.float32), (MAP_PX, MAP_PX), interpolation=cv2.INTER_CUBIC)
+    at = _on_grid(np.arange(MAP_PX), len(share)).astype(np.float32)
+    column, line = np.meshgrid(at, at)
+    fine = cv2.remap(share.astype(np.float32), column, line, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     banded = np.clip(np.floor(fine * BANDS) / (BANDS - 1), 0.0, 1.0)
     coloured = cv2.applyColorMap(np.round(255.0 * banded).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     return cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False), low, high
+
+
+def _on_grid(place_px: ArrayLike, count: int) -> FloatArray:
+    """Where places on the map are on a grid of `count` values, the outermost of which are on the map's rim."""
+    return (np.asarray(place_px, np.float64) + 0.5) / MAP_PX * (count - 1)
 
 
 def _within_reason(values: FloatArray) -> FloatArray:

@@ -214,7 +214,8 @@ def _around(strokes: FloatArray, size: tuple[int, int]) -> tuple[float, ...]:
         return ()
     low, high = strokes.min((0, 1)), strokes.max((0, 1))
     wide = float((high - low).max()) * (1.0 + 2.0 * _ROOM)
-    height = min(wide, size[1])
+    # In the proportions of the image, which may stand upright: then its width is what must hold the part.
+    height = min(max(wide, wide * size[1] / size[0]), size[1])
     width = height * size[0] / size[1]
     left, top = 0.5 * (low + high) - 0.5 * np.array([width, height])
     return float(left), float(top), width, height

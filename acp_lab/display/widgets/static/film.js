@@ -10,7 +10,7 @@ const PATIENCE_MS = 5000; // without an answer: then the question or its answer 
 class Film {
   constructor(model) {
     this.model = model;
-    this.at = model.get("seek")[1];
+    this.at = model.get("place");
     this.shown = null; // a picture; null for the one that came with the widget
     this.kept = new Map();
     this.asked = new Set();

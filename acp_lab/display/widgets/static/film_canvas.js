@@ -45,7 +45,10 @@ class FilmCanvas extends PointCanvas {
 
   destroy() {
     clearTimeout(this.timer);
-    clearTimeout(this.telling);
+    if (this.telling) {
+      clearTimeout(this.telling);
+      this.tell(); // a view that is made anew begins here
+    }
     super.destroy();
     this.model.destroy();
   }
@@ -93,9 +96,13 @@ class FilmCanvas extends PointCanvas {
     if (tells && !this.telling) {
       this.telling = setTimeout(() => {
         this.telling = 0;
-        this.film.send({ kind: "at", frame: this.film.at });
+        this.tell();
       }, TELL_MS);
     }
+  }
+
+  tell() {
+    this.film.send({ kind: "at", frame: this.film.at });
   }
 
   // ---- showing

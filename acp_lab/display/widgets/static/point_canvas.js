@@ -8,7 +8,7 @@ const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowD
 class PointCanvas extends Scene {
   constructor(model, el) {
     super(model, el);
-    this.pointers = new Map(); // what is pressed: id -> place in the image
+    this.pointers = new Map(); // what is pressed: id -> its last place in the image
     this.drag = null; // {from: [x, y], to: [x, y], start: points, id}
     this.pending = 0;
     this.listen();
@@ -18,7 +18,7 @@ class PointCanvas extends Scene {
     const { model } = this;
     this.changes = {
       "change:image": () => this.showImage(),
-      "change:image_size": () => (this.setView(this.whole()), this.showAll()),
+      "change:image_size": () => (this.showView(), this.showAll()),
       "change:view": () => this.showView(),
       "change:overlays": () => this.showOverlays(),
       "change:axes": () => this.showPoints(),
@@ -76,8 +76,10 @@ class PointCanvas extends Scene {
     if (event.button > 0) return;
     this.svg.setPointerCapture(event.pointerId);
     this.endSwing();
+    if (this.pointers.size) this.letGo(); // a second finger leaves what the first one drags where it is
     this.pointers.set(event.pointerId, this.at(event));
-    this.pressed = { client: [event.clientX, event.clientY], moved: false };
+    // Two fingers pinch, they never click.
+    this.pressed = { client: [event.clientX, event.clientY], moved: this.pointers.size > 1 };
     const points = this.model.get("points");
     const index = event.target.closest(".acp-handle") ? this.nearest(event) : -1;
     const handle = this.handles.childNodes[index];
@@ -106,11 +108,13 @@ class PointCanvas extends Scene {
     if (Math.hypot(event.clientX - x, event.clientY - y) > 2) this.pressed.moved = true;
     if (this.drag && event.pointerId === this.drag.id) {
       this.drag.to = at;
+      this.pointers.set(event.pointerId, at);
       if (!this.pending && this.pressed.moved) this.pending = requestAnimationFrame(() => this.carry(true));
       return;
     }
     if (this.swing) {
       this.swing.to = at;
+      this.pointers.set(event.pointerId, at);
       if (!this.pending && this.pressed.moved) this.pending = requestAnimationFrame(() => this.turn(true));
     } else if (this.pointers.size === 1) {
       const [left, top, width, height] = this.box;
