@@ -10,10 +10,11 @@ import pytest
 
 from acp_lab.display.replay.file import ReplayContent, check_replay, read_replay
 from acp_lab.display.replay.frames import fps_of, shown_frames
-from acp_lab.display.replay.overlay_video import write_film
+from acp_lab.display.replay.overlay_video import _decode, write_film
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, frames, play, result
+from tests.sequences.turned_jpeg import turned
 
 av = pytest.importorskip("av")
 
@@ -115,3 +116,9 @@ def test_large_images_are_not_enlarged(tmp_path: Path) -> None:
     assert _panel(replay, "").width == pytest.approx(1024, abs=80)
     jpeg = cv2.imencode(".jpg", np.zeros((1024, 1224, 3), np.uint8))[1]
     assert jpeg is not None
+
+
+def test_images_are_decoded_as_they_are_stored() -> None:
+    """Replays of older versions hold files with a note that has viewers turn them."""
+    jpeg = cv2.imencode(".jpg", np.zeros((40, 60, 3), np.uint8))[1].tobytes()
+    assert _decode(turned(jpeg, 6)).shape == (40, 60, 3)

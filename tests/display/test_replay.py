@@ -19,6 +19,7 @@ from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import Trained
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.image_header import is_turned
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.observer import SessionInfo, TrackedObject
 from acp_lab.tracking.result import TrackResult, TrackState
@@ -28,6 +29,7 @@ from acp_lab.tracking.tracker import Tracker
 from tests.display.made_run import CAMERA, FRAME_IDS, STEPS, box, frames, play, recorded, result, true_pose
 from tests.display.recording import Recording
 from tests.prepared_sample import sample_model, sample_scene
+from tests.sequences.turned_jpeg import turned
 
 WANTED = (
     "image",
@@ -346,6 +348,19 @@ def test_small_jpegs_are_handed_on_as_they_are(tmp_path: Path, noise: int) -> No
         assert len(logged) <= MOST_BYTES_PER_PIXEL * image.size / 3
     else:
         assert logged == source.read_bytes()
+
+
+def test_a_jpeg_that_viewers_would_turn_is_not_handed_on(tmp_path: Path) -> None:
+    source = tmp_path / "000000.jpg"
+    image = np.full((128, 160, 3), 90, np.uint8)
+    source.write_bytes(turned(cv2.imencode(".jpg", image)[1].tobytes(), 6))
+    replay = Replay(tmp_path / "run.rrd")
+    replay.on_start(SessionInfo("clip", 1, "acp", (TrackedObject(1, box()),), image_path={0: source}.get))
+    frame = Frame(0, image, CAMERA)
+    replay.on_frame(frame, {1: result(frame, 1)})
+    replay.on_end()
+    (row,) = Recording.read(tmp_path / "run.rrd").on_frames("/camera/image", "blob")
+    assert not is_turned(bytes(row.value[0]))
 
 
 def test_noisy_images_lose_quality_not_room() -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -17,6 +20,7 @@ from acp_lab.tracking.result import TargetView, TrackStep
 from acp_lab.tracking.session import TrackRun
 from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, box, frames, result, true_pose
 from tests.prepared_sample import sample_scene
+from tests.sequences.turned_jpeg import turned
 
 
 class MadeStream:
@@ -128,3 +132,18 @@ def test_a_stream_is_read_once_and_a_data_set_by_its_files() -> None:
         shelf(99)
     scene = sample_scene()
     assert FrameShelf(scene)(5).content == scene.image_paths[5].read_bytes()
+
+
+def test_a_jpeg_that_browsers_would_turn_is_not_handed_on(tmp_path: Path) -> None:
+    """Images are tracked as they are stored, and what is drawn over them is not turned."""
+    scene = sample_scene()
+    noted = tmp_path / scene.image_paths[5].name
+    noted.write_bytes(turned(scene.image_paths[5].read_bytes(), 6))
+    noted_scene = copy.copy(scene)
+    noted_scene.image_paths = {**scene.image_paths, 5: noted}
+    content = FrameShelf(noted_scene)(5).content
+    shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    frame = scene.frame(5)
+    assert isinstance(frame, Frame)
+    assert shown.shape == frame.image.shape
+    assert np.abs(shown[..., ::-1].astype(int) - frame.image).mean() < 4.0

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acp_lab.sequences.image_header import is_progressive, pixel_size
+from acp_lab.sequences.image_header import is_progressive, is_turned, pixel_size
+from tests.sequences.turned_jpeg import turned
 
 SUFFIXES = (".png", ".jpg", ".bmp", ".tif")
 
@@ -30,6 +31,22 @@ def test_progressive_files_say_so() -> None:
     assert pixel_size(data) == (9, 8)
 
 
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_notes_that_turn_a_picture_are_seen(order: str) -> None:
+    data = encoded(".jpg", (8, 9))
+    assert not is_turned(data)
+    assert not is_turned(turned(data, 1, order))
+    for turn in (3, 6, 8):
+        noted = turned(data, turn, order)
+        assert is_turned(noted)
+        assert pixel_size(noted) == (9, 8)
+    # OpenCV means the same by it.
+    assert cv2.imdecode(np.frombuffer(turned(data, 6, order), np.uint8), cv2.IMREAD_COLOR).shape[:2] == (9, 8)
+    note = turned(data, 1, order)
+    assert is_turned(note[:12] + b"XX" + note[14:]), "what cannot be read may say anything"
+    assert not is_turned(encoded(".png", (8, 9)))
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_torn_headers_tell_nothing(suffix: str) -> None:
     data = encoded(suffix, (7, 300, 3))
@@ -42,3 +59,4 @@ def test_any_bytes_give_a_size_or_none(rest: bytes, start: bytes) -> None:
     size = pixel_size(start + rest)
     assert size is None or min(size) >= 0
     is_progressive(b"\xff\xd8" + rest)
+    is_turned(b"\xff\xd8" + rest)

@@ -21,6 +21,7 @@ import cv2
 from acp_lab.display.replay.clock import Moment
 from acp_lab.display.replay.columns import frames_together, time_columns
 from acp_lab.geometry.arrays import ByteImage
+from acp_lab.sequences.image_header import is_turned
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -146,12 +147,13 @@ def encode_jpeg(image: ByteImage) -> bytes:
 
 
 def _small_jpeg(source: Path | None, image: ByteImage) -> bytes | None:
-    """The bytes of a JPEG file that is small enough; None for any other file."""
+    """The bytes of a JPEG file that is small enough and shown as it is stored; None for any other file."""
     if source is None or source.suffix.lower() not in (".jpg", ".jpeg"):
         return None
     try:
         if source.stat().st_size > MOST_BYTES_PER_PIXEL * image.shape[0] * image.shape[1]:
             return None
-        return source.read_bytes()
+        content = source.read_bytes()
     except OSError:  # gone by now; the decoded image is still here
         return None
+    return None if is_turned(content) else content  # viewers would turn it below overlays that are not

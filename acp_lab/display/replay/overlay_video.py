@@ -175,7 +175,8 @@ def _fixed(points: NDArray[np.float32], scale: float) -> NDArray[np.int32]:
 
 
 def _decode(jpeg: bytes) -> ByteImage:
-    bgr = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+    as_stored = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION  # as what is drawn over it
+    bgr = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), as_stored), np.uint8)
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 

@@ -1,7 +1,7 @@
 """The frames of a sequence in any order, compressed, for a player that jumps about.
 
-A data set has a file per frame, which goes to the browser as it is when it is a JPEG. A video or a camera only
-runs forward: what was passed is kept, compressed, some 60 kB a frame at 640 x 512.
+A data set has a file per frame, which goes to the browser as it is when it is a JPEG that no note of a camera turns.
+A video or a camera only runs forward: what was passed is kept, compressed, some 60 kB a frame at 640 x 512.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 from acp_lab.display.widgets.picture import jpeg_bytes
 from acp_lab.errors import AcpLabError, SequenceError
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.image_header import is_turned
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.session import image_path_of
 
@@ -59,7 +60,9 @@ def _shelved(frame: Frame | UnreadableFrame, path: Path | None) -> ShelvedFrame:
     size = (frame.camera.width, frame.camera.height)
     if path is not None and path.suffix.lower() in (".jpg", ".jpeg"):
         try:
-            return ShelvedFrame(path.read_bytes(), size)
+            content = path.read_bytes()
         except OSError as error:
             raise AcpLabError(f"{path}: cannot be read ({error.strerror}): check the data set") from None
+        if not is_turned(content):  # a browser would turn it below overlays that are not
+            return ShelvedFrame(content, size)
     return ShelvedFrame(jpeg_bytes(frame.image), size)
