@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.display.replay.budget import SizeBudget
 from acp_lab.display.replay.file import ReplayContent, check_replay, read_replay
 from acp_lab.display.replay.frames import fps_of, shown_frames
-from acp_lab.display.replay.overlay_video import _decode, write_film
+from acp_lab.display.replay.overlay_video import BACKGROUND, _decode, write_film
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, frames, play, result
@@ -78,6 +79,40 @@ def test_edges_and_captions_are_drawn(tmp_path: Path) -> None:
     assert dark[20, 20].sum() < 0.6 * decoded(path)[1][20, 20].sum()
     captions = first[round(made.camera.height * scale) :]
     assert captions.std() > 10
+
+
+def test_images_that_were_dropped_to_save_room_are_not_called_unreadable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spend(budget: SizeBudget, *_: object) -> None:
+        budget.images_end = 1
+
+    monkeypatch.setattr(SizeBudget, "spend", spend)
+    replay = Replay(tmp_path / "run.rrd", most_mb=1.0)
+    play([replay])
+    assert "has no images from frame 1 on" in replay.lacks
+    monkeypatch.undo()
+    film = read_replay(check_replay(replay.path))
+    shown = shown_frames(film)
+    assert [frame.jpeg is None for frame in shown] == [False, True, True, True]
+    assert [frame.is_left_out for frame in shown] == [False, True, True, True]
+    assert not any(frame.is_left_out for frame in shown_frames(content(tmp_path / "whole.rrd")))
+    write_film([film], tmp_path / "film.mp4")
+    first, second, *_ = decoded(tmp_path / "film.mp4")
+    assert np.abs(first[20, 20].astype(int) - (0, 60, 90)).max() < 12
+    assert np.abs(second[20, 20].astype(int) - BACKGROUND).max() < 12  # not the image of another moment
+
+
+def test_an_object_is_shown_only_in_scenes_that_have_it(tmp_path: Path) -> None:
+    replay = Replay(tmp_path / "two.rrd", sessions=2)
+    play([replay], (1, 7))
+    play([replay], (1,))
+    shown = shown_frames(read_replay(check_replay(replay.path)))
+    states = [frame.objects["obj_000007"].state if "obj_000007" in frame.objects else "" for frame in shown]
+    count = len(FRAME_IDS)
+    assert states[:count] == ["tracking", "tracking", "lost", "tracking"]
+    assert states[count:] == [""] * count
+    assert [frame.objects["obj_000001"].state for frame in shown] == states[:count] * 2
 
 
 def test_two_runs_beside_each_other(tmp_path: Path) -> None:

@@ -38,11 +38,16 @@ class ShownObject:
 
 @dataclass
 class ShownFrame:
-    """One frame. jpeg: the image, None where it could not be read; time_s: on the replay's timeline."""
+    """One frame. jpeg: the image, None where there is none; time_s: on the replay's timeline.
+
+    is_left_out: the replay keeps no images from somewhere before on, to stay small; else one that is missing could not
+    be read. objects: only those that were tracked in this frame.
+    """
 
     image_id: int = 0
     time_s: float = 0.0
     jpeg: bytes | None = None
+    is_left_out: bool = False
     objects: dict[str, ShownObject] = field(default_factory=lambda: defaultdict(ShownObject))
 
 
@@ -50,6 +55,7 @@ def shown_frames(content: ReplayContent) -> list[ShownFrame]:
     """The frames of a replay in their order."""
     frames = [ShownFrame() for _ in range(content.last_frame + 1)]
     changes: dict[str, dict[int, str]] = defaultdict(dict)
+    images_end = len(frames)
     for chunk in content.chunks:
         words = str(chunk.entity_path).strip("/").split("/")
         name = words[-1]
@@ -58,7 +64,9 @@ def shown_frames(content: ReplayContent) -> list[ShownFrame]:
             frame = frames[number]
             frame.time_s = values["time"]
             if kind == "camera" and name == "image":
-                frame.jpeg = values["blob"]
+                frame.jpeg = values.get("blob", frame.jpeg)
+                # Together with the last image it is cleared from the viewer.
+                images_end = min(images_end, number) if "is_recursive" in values else images_end
             elif kind == "image_id":
                 frame.image_id = int(values["scalars"])
             elif kind == "state" and "state" in values:
@@ -67,6 +75,8 @@ def shown_frames(content: ReplayContent) -> list[ShownFrame]:
                 _show(frame.objects, kind, name, values)
     for name, of_object in changes.items():
         _carry_on(frames, name, of_object)
+    for frame in frames[images_end + 1 :]:
+        frame.is_left_out = frame.jpeg is None
     return frames
 
 
@@ -92,7 +102,8 @@ def _carry_on(frames: list[ShownFrame], name: str, changes: dict[int, str]) -> N
     state = ""
     for number, frame in enumerate(frames):
         state = changes.get(number, state)
-        frame.objects[name].state = state
+        if name in frame.objects:  # another scene may not have it
+            frame.objects[name].state = state
 
 
 def _rows(chunk: Chunk) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -137,4 +148,5 @@ _READERS = {
     "positions": _points,
     "scalars": lambda values: float(values[0].as_py()),
     "state": lambda values: str(values[0].as_py()),
+    "is_recursive": lambda values: bool(values[0].as_py()),
 }

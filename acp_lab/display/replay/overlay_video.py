@@ -98,14 +98,21 @@ def _drawn(panel: _Panel, number: int) -> ByteImage:
     """Frame `number` of a panel, or its last one, with its captions below."""
     number = min(number, len(panel.frames) - 1)
     frame = panel.frames[number]
-    readable = frame.jpeg is not None
-    jpeg = next(f.jpeg for f in [*reversed(panel.frames[: number + 1]), *panel.frames] if f.jpeg is not None)
-    large = cv2.resize(_decode(jpeg), (panel.width, panel.height), interpolation=cv2.INTER_CUBIC)
-    picture = np.asarray(large if readable else large // 3, np.uint8)
+    picture = _ground(panel, number)
     for order, name in enumerate(panel.names):
         if name in frame.objects:
             _draw_object(picture, frame.objects[name], lighter(OBJECT_COLOURS[order % len(OBJECT_COLOURS)], 0.3), panel)
     return np.vstack([picture, _captions(panel, number)])
+
+
+def _ground(panel: _Panel, number: int) -> ByteImage:
+    """The image of a frame; of one that could not be read the image before it, darker; plain where none was kept."""
+    frame = panel.frames[number]
+    if frame.is_left_out:
+        return np.full((panel.height, panel.width, 3), BACKGROUND, np.uint8)
+    jpeg = next(f.jpeg for f in [*reversed(panel.frames[: number + 1]), *panel.frames] if f.jpeg is not None)
+    large = cv2.resize(_decode(jpeg), (panel.width, panel.height), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(large if frame.jpeg is not None else large // 3, np.uint8)
 
 
 def _draw_object(picture: ByteImage, shown: ShownObject, colour: tuple[float, ...], panel: _Panel) -> None:
@@ -137,7 +144,8 @@ def _captions(panel: _Panel, number: int) -> ByteImage:
         chip = to_bytes(STATE_COLOURS[state]).tolist() if state else list(FAINT)
         draw.rounded_rectangle((12, top + 10, 132, top + ROW_HEIGHT - 10), 6, fill=tuple(chip))
         draw.text((72, middle), shown.state or "-", (255, 255, 255), font, anchor="mm")
-        words = [f"image {frame.image_id}" if frame.jpeg is not None else f"image {frame.image_id}: unreadable"]
+        missing = ": not in the replay" if frame.is_left_out else ": unreadable" if frame.jpeg is None else ""
+        words = [f"image {frame.image_id}{missing}"]
         if len(panel.names) > 1:
             words.insert(0, name)
         if panel.title:
