@@ -16,6 +16,7 @@ from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.json_file import read_pose
 from acp_lab.tracking.snap import SnapResult
+from tests.display.open_widgets import open_widgets
 from tests.display.scripted_hand import drag, drag_onto_the_part, view_from_beside
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -353,6 +354,16 @@ def test_find_it_for_me_shows_hypotheses_and_takes_the_one_that_is_clicked(align
     aligner.finder.nearest_mm.value = 7000.0
     assert aligner.finder.find() == ()
     assert "0 &lt; nearest" in aligner.message.value
+
+
+def test_hypotheses_that_are_replaced_are_closed(aligner: PoseAligner) -> None:
+    aligner.finder.find()
+    before = len(open_widgets())
+    shown = aligner.finder.children
+    aligner.finder.find()
+    assert len(open_widgets()) == before
+    assert shown[0].children[0].comm is None
+    assert aligner.finder.children[0].children[0].comm is not None
 
 
 def test_snapping_where_nothing_is_says_so(aligner: PoseAligner) -> None:

@@ -16,6 +16,7 @@ from acp_lab.course.workshop import FOLDER_VARIABLE
 from acp_lab.display.widgets.run_comparison import ADD_ROW, RunComparison, _around
 from acp_lab.sequences.bop import open_sequence
 from tests.bench.made_runs import made_run
+from tests.display.open_widgets import open_widgets
 from tests.prepared_sample import sample_scene
 
 METHODS = ("acp", "region", "slet")
@@ -66,6 +67,17 @@ def test_what_is_chosen_is_run_once_and_shown(bench: Workbench, asked: list[Task
     before = len(asked)
     shown.go.click()
     assert len(asked) == before
+
+
+def test_pictures_of_methods_that_are_not_compared_any_more_are_closed(bench: Workbench, asked: list[Task]) -> None:
+    shown = RunComparison(bench, METHODS)
+    two, before = shown.canvases, len(open_widgets())
+    for chosen in (METHODS, METHODS[:2]):
+        shown.methods.value = chosen
+        shown.go.click()
+    assert len(shown.canvases) == 2
+    assert len(open_widgets()) == before
+    assert all(canvas.comm is None for canvas in two)
 
 
 def test_the_film_and_the_curves_are_at_the_same_frame(bench: Workbench, asked: list[Task]) -> None:

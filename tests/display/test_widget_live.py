@@ -13,6 +13,7 @@ import acp_lab as acp
 from acp_lab.display.widgets.live_window import LiveWindow
 from acp_lab.errors import InputFileError
 from acp_lab.sequences import read_results
+from tests.display.open_widgets import open_widgets
 from tests.plugged_camera import PluggedCamera
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -76,6 +77,32 @@ def test_cancelling_goes_on_without_a_pose(window: LiveWindow) -> None:
     assert window.aligner is None
     assert window.loop.doing == "watching"
     assert window.loop.rows == []
+
+
+def test_a_cell_that_is_run_again_leaves_no_camera_on(window: LiveWindow) -> None:
+    until(lambda: len(window.canvas.image) > 0)
+    again = acp.live(sample_model(), sample_scene().camera(0))
+    try:
+        assert window.loop.doing == "ended"
+        assert "stopped" in window.message.value
+        other = acp.live(sample_model(), sample_scene().camera(0), source=1)
+        assert again.loop.doing == "watching", "another camera is another window"
+        other.close()
+        assert other.loop.doing == "ended"
+    finally:
+        again.loop.stop()
+
+
+def test_an_aligner_that_is_left_leaves_nothing_behind(window: LiveWindow) -> None:
+    """Kernel and page keep every widget until it is closed."""
+    until(lambda: len(window.canvas.image) > 0)
+    before = open_widgets()
+    for leave in (window._cancel, window.follow_aligned, window.stop):
+        window.align()
+        assert window.aligner is not None
+        assert len(open_widgets() - before) > 50
+        leave()
+        assert open_widgets() == before
 
 
 def test_a_film_in_a_file_is_shown_in_its_own_time(tmp_path: Path) -> None:

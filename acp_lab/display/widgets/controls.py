@@ -1,4 +1,4 @@
-"""Rows of buttons that several widgets have."""
+"""Rows of buttons that several widgets have, and the end of widgets."""
 
 from __future__ import annotations
 
@@ -28,6 +28,13 @@ def motion_buttons(
     turn: Callable[[Turn], object], move_away: Callable[[float], object], turn_deg: float, depth_step: float
 ) -> tuple[ipywidgets.Button, ...]:
     """Turns about the camera's axes, called as turn((x, y, z) deg), and nearer, farther, as move_away(factor)."""
+    nearer = button("nearer", f"{depth_step:.0%} nearer", lambda: move_away(1.0 - depth_step))
+    farther = button("farther", f"{depth_step:.0%} farther", lambda: move_away(1.0 + depth_step))
+    return (*turn_buttons(turn, turn_deg), nearer, farther)
+
+
+def turn_buttons(turn: Callable[[Turn], object], turn_deg: float) -> tuple[ipywidgets.Button, ...]:
+    """Turns about the camera's axes alone."""
     buttons = []
     for number, axis in enumerate("xyz"):
         for sign in (-1.0, 1.0):
@@ -36,8 +43,6 @@ def motion_buttons(
             label = f"{axis} {'−' if sign < 0 else '+'}{turn_deg:.0f}°"
             tooltip = f"turn the part about the camera's {axis} axis"
             buttons.append(button(label, tooltip, _turning(turn, (angles[0], angles[1], angles[2]))))
-    buttons.append(button("nearer", f"{depth_step:.0%} nearer", lambda: move_away(1.0 - depth_step)))
-    buttons.append(button("farther", f"{depth_step:.0%} farther", lambda: move_away(1.0 + depth_step)))
     return tuple(buttons)
 
 
@@ -47,6 +52,18 @@ def side_by_side(*columns: tuple[ipywidgets.Widget, str]) -> ipywidgets.Box:
         widget.layout.flex, widget.layout.min_width = flex, "0"
     layout = ipywidgets.Layout(display="flex", flex_flow="row wrap", grid_gap="12px 16px", align_items="flex-start")
     return ipywidgets.Box([widget for widget, _ in columns], layout=layout)
+
+
+def close_with_parts(*widgets: ipywidgets.Widget) -> None:
+    """Close widgets that are not shown any more and all that they are made of.
+
+    Kernel and page keep every widget until it is closed, and ipywidgets closes none along with another: neither its
+    children nor its layout and style.
+    """
+    for widget in widgets:
+        parts = [*getattr(widget, "children", ()), getattr(widget, "layout", None), getattr(widget, "style", None)]
+        close_with_parts(*(part for part in parts if isinstance(part, ipywidgets.Widget)))
+        widget.close()
 
 
 def _turning(turn: Callable[[Turn], object], angles_deg: Turn) -> Callable[[], object]:

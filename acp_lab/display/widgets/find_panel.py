@@ -12,7 +12,7 @@ from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.display.look import GENERATED
-from acp_lab.display.widgets.controls import button, row
+from acp_lab.display.widgets.controls import button, close_with_parts, row
 from acp_lab.display.widgets.overlay import Overlay, edge_strokes
 from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.errors import AcpLabError
@@ -70,7 +70,9 @@ class FindPanel(ipywidgets.Box):
             self._tell(*_told_of(self.detections))
         finally:
             self._button.disabled = False
+        before = self.children
         self.children = tuple(self._picture(n, one) for n, one in enumerate(self.detections, start=1))
+        close_with_parts(*before)
         return self.detections
 
     def _find_aside(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import time
+import weakref
 from collections import deque
 from pathlib import Path
 from typing import Literal
@@ -12,7 +13,7 @@ import ipywidgets
 import numpy as np
 
 from acp_lab.display.look import TRUTH
-from acp_lab.display.widgets.controls import button, row, side_by_side
+from acp_lab.display.widgets.controls import button, close_with_parts, row, side_by_side
 from acp_lab.display.widgets.curve_plot import Curve, CurvePlot
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, Overlay, residual_strokes
 from acp_lab.display.widgets.picture import image_size, jpeg_bytes
@@ -36,6 +37,8 @@ SHOWN_S = 1.0 / 20.0
 CURVE_S = 0.5
 KEPT = 300
 WATCHING = "no pose yet: find it, or align it by hand"
+_windows = weakref.WeakValueDictionary[str, "LiveWindow"]()
+"""The last one of each source."""
 
 
 class LiveWindow(Still, ipywidgets.VBox):
@@ -113,6 +116,13 @@ class LiveWindow(Still, ipywidgets.VBox):
         self.loop.stop()
         self._tell(f"stopped; {len(self.loop.rows)} frames were tracked")
 
+    def close(self) -> None:
+        """Let the camera go, too."""
+        if hasattr(self, "loop"):  # Python closes what was never finished, too
+            self.loop.stop()
+            self._leave_aligner()
+        super().close()
+
     def save(self, path: str | Path) -> int:
         """Write the poses since the last start as results.csv; their number. InputFileError for a bad place."""
         rows = tuple(self.loop.rows)
@@ -154,7 +164,8 @@ class LiveWindow(Still, ipywidgets.VBox):
         return ", ".join([*words, result.note] if result.note else words)
 
     def _leave_aligner(self) -> None:
-        self.aligner, self._room.children = None, ()
+        before, self.aligner, self._room.children = self._room.children, None, ()
+        close_with_parts(*before)
 
     def _cancel(self) -> None:
         self._leave_aligner()
@@ -191,8 +202,14 @@ def live(
 
     camera: of these images, or its CAMERA.json (notebook 10 makes it). source: the number of a camera; a video file or
     a folder of images is shown in its own time, to rehearse. start: a pose (4, 4) in the first frame, or "find".
+    A window on the same source is stopped, as when its cell is run again; what it tracked can still be saved.
 
     Raises InputFileError and SequenceError as `open_images` does; a camera that is not there is told in the window.
     """
     intrinsics = camera if isinstance(camera, Camera) else Camera.from_json(camera)
-    return LiveWindow(model, open_images(str(source), intrinsics), start, method)
+    sequence = open_images(str(source), intrinsics)
+    before = _windows.get(str(source))
+    if before is not None and before.loop.doing != "ended":
+        before.stop()
+    window = _windows[str(source)] = LiveWindow(model, sequence, start, method)
+    return window

@@ -21,7 +21,7 @@ from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_NAMES, choos
 from acp_lab.display.look import GENERATED
 from acp_lab.display.widgets.cad_view import CadView
 from acp_lab.display.widgets.control_point_editor import ControlPointEditor
-from acp_lab.display.widgets.controls import Turn, button, motion_buttons, row, side_by_side
+from acp_lab.display.widgets.controls import Turn, button, close_with_parts, motion_buttons, row, side_by_side, turn_buttons
 from acp_lab.display.widgets.corner_pairs import CornerPairs
 from acp_lab.display.widgets.find_panel import FindPanel
 from acp_lab.display.widgets.first_guess import pose_in_the_middle, rotation_seeing
@@ -195,6 +195,13 @@ class PoseAligner(Still, ipywidgets.VBox):
         """Where a pose (4, 4) has the control points in use, (4, 2) px."""
         return self.frame.camera.project(transform(pose, self._points_obj()))
 
+    def close(self) -> None:
+        """Close it, and what is on the page that is not shown."""
+        for columns in getattr(self, "_by_mode", {}).values():  # Python closes what was never finished, too
+            for column in columns:
+                close_with_parts(*column)
+        super().close()
+
     # ---- following
 
     def _follow(self, _: object) -> None:
@@ -292,7 +299,7 @@ class PoseAligner(Still, ipywidgets.VBox):
         return [self.editor], [self.cad_view, row([*turns, other]), row([label, *faces])]
 
     def _click_page(self) -> tuple[list[ipywidgets.Widget], list[ipywidgets.Widget]]:
-        turns = motion_buttons(self.chooser.turn, lambda _: None, TURN_DEG, DEPTH_STEP)[:6]
+        turns = turn_buttons(self.chooser.turn, TURN_DEG)
         clear = button("clear", "forget all corners", self.pairs.clear)
         faces = [
             button(name, f"look at the face {name}", _calling(lambda k: self.chooser.look(rotation_seeing(k)), region))

@@ -17,7 +17,7 @@ from acp_lab.bench.workbench import Workbench
 from acp_lab.display.colours import GREEN, OBJECT_COLOURS
 from acp_lab.display.look import TRUTH
 from acp_lab.display.mesh_lines import MeshLines
-from acp_lab.display.widgets.controls import button, row, side_by_side
+from acp_lab.display.widgets.controls import button, close_with_parts, row, side_by_side
 from acp_lab.display.widgets.curve_plot import Curve, CurvePlot, Mark
 from acp_lab.display.widgets.frame_shelf import FrameShelf
 from acp_lab.display.widgets.overlay import Colour, Overlay
@@ -149,10 +149,12 @@ class RunComparison(ipywidgets.VBox):
             self.errors.marks = (Mark(2.0, ADD_ROW, "2%"), Mark(5.0, ADD_ROW, "5%"))
         self._reel = _Reel(self._bench, self.film.value)
         if len(self.canvases) != len(runs):
+            before = self.canvases
             self.canvases = tuple(PointCanvas(height_px=FILM_HEIGHT_PX) for _ in runs)
             for canvas in self.canvases:
                 canvas.layout.flex, canvas.layout.min_width = "1 1 300px", "0"
             self._screen.children = self.canvases
+            close_with_parts(*before)
         self.frame = min(self.frame, self.slider.max)
         self._runs = runs
         self._show_frame()
