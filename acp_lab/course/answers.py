@@ -24,10 +24,7 @@ def as_array(answer: Any, shape: Sequence[int | None], what: str) -> FloatArray:
 
     what: named in the hint, such as "four pixels, (4, 2)". Raises Hint for another shape or no numbers.
     """
-    try:
-        array = np.asarray(answer, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise Hint(f"This wants {what}; yours, a {type(answer).__name__}, is no array of numbers.") from None
+    array = as_numbers(answer, what)
     fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
     if not fits:
         raise Hint(f"This wants {what}; yours has shape {array.shape}.")
@@ -36,13 +33,21 @@ def as_array(answer: Any, shape: Sequence[int | None], what: str) -> FloatArray:
     return array
 
 
+def as_numbers(answer: Any, what: str) -> FloatArray:
+    """The answer as float64 of any shape, finite or not; what: as in `as_array`. Raises Hint for what is no numbers."""
+    try:
+        return np.asarray(answer, dtype=np.float64)
+    except Exception:  # text, ragged lists, numbers beyond all floats, tensors with a gradient: each has its own error
+        raise Hint(f"This wants {what}; yours, a {type(answer).__name__}, is no array of numbers.") from None
+
+
 def as_number(answer: Any, what: str) -> float:
     """The answer as one finite float; what: such as "a length in mm". Raises Hint."""
     if isinstance(answer, bool | str):
         raise Hint(f"This wants {what}, as a plain number.")
     try:
         number = float(np.asarray(answer, dtype=np.float64).item())
-    except (TypeError, ValueError):
+    except Exception:  # as above
         raise Hint(f"This wants {what}, as one number; yours is a {type(answer).__name__}.") from None
     if not math.isfinite(number):
         raise Hint(f"This wants {what}; yours is not finite.")
@@ -64,7 +69,7 @@ def as_choices(answer: Any, choices: Sequence[str]) -> frozenset[str]:
     given = [answer] if isinstance(answer, str) else answer
     try:
         items = list(given)
-    except TypeError:
+    except Exception:  # as above
         raise Hint(wanted) from None
     try:
         return frozenset(as_choice(item, choices) for item in items)

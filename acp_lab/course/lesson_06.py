@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from acp_lab.course.answers import Hint, as_array, as_choice, as_function, as_number, near
+from acp_lab.course.answers import Hint, as_array, as_choice, as_function, as_number, as_numbers, near
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import sample_part, sample_scene
 from acp_lab.imaging.canny import canny
@@ -20,6 +20,7 @@ PLACES = ("on the edge", "just below alpha", "just above alpha", "far away")
 FAR_PX = 3.0
 ASKED_FRAME = 39
 _CLOSE = 0.01
+_WEIGHTS = "one weight per distance, (n,)"
 
 
 @exercise("06.1")
@@ -42,10 +43,10 @@ def geman_mcclure_weight(answer: Any) -> str:
     distances = np.array([0.0, 0.3, 1.0, 4.0, 11.0, 40.0])
     for alpha_px in (3.0, 8.0):
         with np.errstate(divide="ignore", invalid="ignore"):
-            given = np.asarray(weight(distances.copy(), alpha_px), dtype=np.float64)
+            given = as_numbers(weight(distances.copy(), alpha_px), _WEIGHTS)
         if given.shape == distances.shape and not np.isfinite(given[0]) and np.isfinite(given[1:]).all():
             raise Hint("At D = 0 it divides zero by zero: cancel one D by hand before you write it down.")
-        found = as_array(given, (len(distances),), "one weight per distance, (n,)")
+        found = as_array(given, (len(distances),), _WEIGHTS)
         share = alpha_px**2 / (distances**2 + alpha_px**2)
         right = share**2
         if np.allclose(found, right, atol=1e-9):

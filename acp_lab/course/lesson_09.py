@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from acp_lab.cad.part import Part
-from acp_lab.course.answers import Hint, as_choice, as_function
+from acp_lab.course.answers import Hint, as_array, as_choice, as_function
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import sample_scene
 from acp_lab.evaluation import add_mm
@@ -36,6 +36,7 @@ _TRICKY = (
     (0.9, 0.55, 0.48, 0.52, 0.58, 0.62, 0.55),
     (0.9, 0.1, 0.7, 0.1, 0.1, 0.3, 0.45, 0.7, 0.4, 0.55, 0.52, 0.65),
     (0.9, 0.2, 0.3, 0.2, 0.2, 0.2, 0.7, 0.8),
+    (0.9, 0.5, 0.4, 0.6, 0.25, 0.25, 0.2, 0.2, 0.5, 0.5, 0.55, 0.6),  # the limits themselves are neither below nor above
 )
 
 
@@ -47,7 +48,11 @@ def states_of_qualities(answer: Any) -> str:
     longer = [np.round(rng.uniform(0.1, 0.8, 40), 3).tolist() for _ in range(3)]
     for qualities in (*map(list, _TRICKY), *longer):
         found = states(list(qualities))
-        if isinstance(found, str) or not hasattr(found, "__len__") or len(found) != len(qualities):
+        try:
+            is_one_each = not isinstance(found, str) and len(found) == len(qualities)
+        except TypeError:
+            is_one_each = False
+        if not is_one_each:
             raise Hint("Return a list with one word for each quality.")
         _compare_states(qualities, [as_choice(word, tuple(TrackState)) for word in found])
     return "Two limits for each change, and some patience: without them a quality near a limit would flicker."
@@ -146,11 +151,12 @@ def small_tracker(answer: Any) -> str:
 
 
 def _percent_of(part: Part, pose: Any, truth: FloatArray | None, number: int) -> float:
-    found = np.asarray(pose, dtype=np.float64) if np.shape(pose) == (4, 4) else None
-    if found is None or not np.isfinite(found).all():
+    try:
+        found = as_array(pose, (4, 4), "a pose")
+    except Hint:
         raise Hint(
             f"Frame {number}: return the pose cam_T_obj, a finite (4, 4) matrix, from start as well as from track."
-        )
+        ) from None
     assert truth is not None
     percent = 100.0 * add_mm(part.vertices, found, truth) / part.diameter
     if percent <= LARGEST_PERCENT:

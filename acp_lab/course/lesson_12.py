@@ -82,7 +82,7 @@ def shared_score(answer: Any) -> str:
     """The score of each of two poses that fit equally well, 0.95 each if it were alone."""
     score = as_number(answer, "a score between 0 and 1")
     odds = ALONE / (1.0 - ALONE)
-    if near(score, odds / (1.0 + 2.0 * odds), relative=0.0, absolute=0.002):
+    if near(score, odds / (1.0 + 2.0 * odds), relative=0.0, absolute=0.005):
         return "Below one half, and so below what is accepted, however well it fits. What is left is for neither."
     if near(score, ALONE):
         raise Hint("That is its score alone. The part is in one place only, and there is a second candidate for it.")

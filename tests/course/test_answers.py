@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from acp_lab.course.answers import Hint, as_array, as_choice, as_choices, as_function, as_number, near
 
@@ -25,6 +27,8 @@ def test_arrays_of_any_kind() -> None:
         ("abc", "a str"),
         ([[math.nan, 1.0]], "not finite"),
         (object(), "a object"),
+        ([[10**400, 0]], "a list"),
+        (torch.zeros(3, 2, requires_grad=True), "a Tensor"),
     ],
 )
 def test_what_is_no_such_array(answer: Any, fragment: str) -> None:
@@ -38,7 +42,9 @@ def test_numbers() -> None:
     assert as_number(np.array([3]), "mm") == 3.0
 
 
-@pytest.mark.parametrize("answer", ["3", True, math.inf, math.nan, [1, 2], object(), 1j])
+@pytest.mark.parametrize(
+    "answer", ["3", True, math.inf, math.nan, [1, 2], object(), 1j, 10**400, torch.zeros(1, requires_grad=True)]
+)
 def test_what_is_no_number(answer: Any) -> None:
     with pytest.raises(Hint, match="a length in mm"):
         as_number(answer, "a length in mm")
@@ -52,7 +58,12 @@ def test_choices() -> None:
     assert as_choices([], words) == frozenset()
 
 
-@pytest.mark.parametrize("answer", ["height", 3, ["depth", "height"], [3]])
+class _Broken:
+    def __iter__(self) -> Iterator[str]:
+        raise RuntimeError
+
+
+@pytest.mark.parametrize("answer", ["height", 3, ["depth", "height"], [3], _Broken()])
 def test_what_is_no_choice(answer: Any) -> None:
     with pytest.raises(Hint, match="Depth, in the plane"):
         as_choices(answer, ("Depth", "in the plane"))

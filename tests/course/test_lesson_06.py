@@ -41,6 +41,8 @@ def test_weight() -> None:
         (lambda d, a: 0.3 * weight(d, a), "least squares"),
         (lambda d, a: np.exp(-d / a), "numerical differences"),
         (lambda d, a: 1.0, "one weight per distance"),
+        (lambda d, a: "x", "one weight per distance"),
+        (lambda d, a: [[1, 2], [3]], "one weight per distance"),
         (lambda d: d, "stopped with TypeError"),
         (0.25, "the function itself"),
     ],

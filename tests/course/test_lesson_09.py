@@ -23,6 +23,16 @@ def states(qualities, config=StateConfig()):  # type: ignore[no-untyped-def]  # 
     return found
 
 
+def above(limit: float) -> float:
+    """A limit below which the limit itself lies, as <= would have it."""
+    return float(np.nextafter(limit, 1.0))
+
+
+def below(limit: float) -> float:
+    """Likewise for >=."""
+    return float(np.nextafter(limit, 0.0))
+
+
 def test_states() -> None:
     passes("09.1", states)
     passes("09.1", lambda qualities: np.array(states(qualities)))
@@ -37,6 +47,12 @@ def test_states() -> None:
         (lambda q: states(q, StateConfig(proof=1)), "while the state is 'lost'"),
         (lambda q: states(q)[1:], "one word for each"),
         (lambda q: "tracking", "one word for each"),
+        (lambda q: np.array(5), "one word for each"),
+        (lambda q: (word for word in states(q)), "one word for each"),
+        (lambda q: states(q, StateConfig(lost_below=above(0.25))), "yours turns to 'lost'"),
+        (lambda q: states(q, StateConfig(found_above=below(0.5))), "while the state is 'lost'"),
+        (lambda q: states(q, StateConfig(weak_below=above(0.5))), "yours turns to 'weak'"),
+        (lambda q: states(q, StateConfig(tracking_above=below(0.6))), "while the state is 'weak'"),
         (lambda q: ["good"] * len(q), "one of these words"),
         (lambda q: [1 / 0], "ZeroDivisionError"),
         (["tracking"], "the function itself"),
@@ -102,6 +118,8 @@ def test_a_small_tracker() -> None:
         (lambda part: Truth(part, last=0), "It held for"),
         (type("Jumps", (Truth,), {"track": lambda self, frame: np.eye(4)}), "Frame 1: ADD is"),
         (type("Short", (Truth,), {"track": lambda self, frame: np.eye(3)}), "(4, 4)"),
+        (type("Ragged", (Truth,), {"track": lambda self, frame: [[1, 2], [3]]}), "(4, 4)"),
+        (type("Words", (Truth,), {"track": lambda self, frame: [["a"] * 4] * 4}), "(4, 4)"),
         (type("Fails", (Truth,), {"track": lambda self, frame: 1 / 0}), "ZeroDivisionError"),
     ],
 )

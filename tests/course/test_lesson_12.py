@@ -73,7 +73,8 @@ def test_wrong_distances(wrong, fragment: str) -> None:  # type: ignore[no-untyp
 
 
 def test_shared_score() -> None:
-    passes("12.3", 19.0 / 39.0)
+    for right in (19.0 / 39.0, 0.487, 0.49):
+        passes("12.3", right)
     hints("12.3", 0.95, "its score alone")
     hints("12.3", 0.5, "neither")
     hints("12.3", 0.475, "odds")
