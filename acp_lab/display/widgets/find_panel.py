@@ -48,6 +48,7 @@ class FindPanel(ipywidgets.Box):
         self._generator = model.best_generator()
         self._finder: Finder | None = None
         self.detections: tuple[Detection, ...] = ()
+        self._pictures: list[ipywidgets.VBox] = []
         self._button = button("find it for me", "search the image for the part", self._find_aside)
         near, far = DetectionConfig().depth_mm
         self.nearest_mm, self.farthest_mm = _distance_field("between", near), _distance_field("and", far)
@@ -70,8 +71,9 @@ class FindPanel(ipywidgets.Box):
             self._tell(*_told_of(self.detections))
         finally:
             self._button.disabled = False
-        before = self.children
-        self.children = tuple(self._picture(n, one) for n, one in enumerate(self.detections, start=1))
+        before = self._pictures
+        self._pictures = [self._picture(n, one) for n, one in enumerate(self.detections, start=1)]
+        self.children = tuple(self._pictures)
         close_with_parts(*before)
         return self.detections
 

@@ -21,7 +21,15 @@ from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_NAMES, choos
 from acp_lab.display.look import GENERATED
 from acp_lab.display.widgets.cad_view import CadView
 from acp_lab.display.widgets.control_point_editor import ControlPointEditor
-from acp_lab.display.widgets.controls import Turn, button, close_with_parts, motion_buttons, row, side_by_side, turn_buttons
+from acp_lab.display.widgets.controls import (
+    Turn,
+    button,
+    close_with_parts,
+    motion_buttons,
+    row,
+    side_by_side,
+    turn_buttons,
+)
 from acp_lab.display.widgets.corner_pairs import CornerPairs
 from acp_lab.display.widgets.find_panel import FindPanel
 from acp_lab.display.widgets.first_guess import pose_in_the_middle, rotation_seeing
