@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from acp_lab.errors import InputFileError
+from acp_lab.errors import InputFileError, TrackingError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
@@ -58,9 +58,9 @@ def explain_run(options: ExplainOptions) -> None:
 
 
 def _check_keeps_images(picture: Path, sequence: Sequence | None) -> None:
-    paths = getattr(sequence, "image_paths", ())
-    images = paths.values() if isinstance(paths, Mapping) else paths
-    if picture.resolve() in {path.resolve() for path in images}:
+    from acp_lab.commands.resume import files_of
+
+    if picture.resolve() in {path.resolve() for path in files_of(sequence)}:
         raise InputFileError(f"{picture}: --out would replace an image of the run: choose another name")
 
 
@@ -167,6 +167,8 @@ def _states(info: Mapping[str, Any], path: Path) -> StateConfig:
         return StateConfig(**{item.name: told[item.name] for item in fields(StateConfig) if item.name in told})
     except TypeError:  # a limit that is no number
         raise InputFileError(f"{path}: configuration.states holds what is no number: {_NOT_OURS}") from None
+    except TrackingError as error:
+        raise InputFileError(f"{path}: configuration.{error}: {_NOT_OURS}") from None
 
 
 def _tracked(

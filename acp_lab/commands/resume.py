@@ -180,14 +180,19 @@ def _same_inputs(results: Path, inputs: Mapping[str, str]) -> Mapping[str, Any]:
 def _frames_in_words(frames: Frames) -> list[Any]:
     while isinstance(frames, RestOfSequence):
         frames = frames.sequence
-    paths = getattr(frames, "image_paths", None)
-    files = list(paths.values() if isinstance(paths, Mapping) else paths or ())
+    files = files_of(frames)
     codings = _codings(files)
     if isinstance(frames, VideoFile):
         files = [frames.path]
     camera = getattr(frames, "camera", None)
     cameras = [camera(frame_id) for frame_id in frames.frame_ids] if callable(camera) else [camera]
     return [*(str(one) for one in cameras), *_sizes(files), *codings]
+
+
+def files_of(frames: object) -> list[Path]:
+    """The image files of a data set's scene or of a folder; none of a video, a camera or nothing."""
+    paths = getattr(frames, "image_paths", None)
+    return list(paths.values() if isinstance(paths, Mapping) else paths or ())
 
 
 def _codings(files: Iterable[Path]) -> list[str]:

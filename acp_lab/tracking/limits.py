@@ -18,8 +18,8 @@ MOST_COUNTED = 100_000
 MOST_PX = 1000.0
 MOST_POWER = 10.0
 MOST, LEAST_POSITIVE = 1e6, 1e-6
-POSITIVE = frozenset({"blur_px", "largest_shift_px", "largest_scale", "inner_scatter_px"})
-"""Settings that something is divided by, or that cv2 takes for a size."""
+POSITIVE = frozenset({"blur_px"})
+"""Settings that cv2 takes for a size."""
 MAY_BE_INFINITE = frozenset({"agreement_alone"})
 
 

@@ -76,9 +76,8 @@ class OffsetConfig:
     follow_noise: float = 0.4
 
     def __post_init__(self) -> None:
-        # What is divided by.
-        lengths, inertias = ("edge_spread_px", "inner_scatter_px", "cell_in_diameters"), ("sample", "cell", "class")
-        for name in (*lengths, *(f"{whose}_inertia" for whose in inertias)):
+        divisors = "edge_spread_px", "inner_scatter_px", "cell_in_diameters"
+        for name in (*divisors, "sample_inertia", "cell_inertia", "class_inertia"):
             if not 1e-6 <= getattr(self, name) <= 1e6:
                 raise TrackingError(f"learning.offsets.{name} = {getattr(self, name):g}: give a number above 0")
         for name in ("scatter_rate", "follow_rate"):
