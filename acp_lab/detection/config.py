@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from acp_lab.errors import AcpLabError
 
+SEARCH_SAMPLES = 80
+"""Of a view."""
+
 
 @dataclass(frozen=True)
 class DetectionConfig:
@@ -43,3 +46,5 @@ class DetectionConfig:
             raise AcpLabError(f"depth range {near:g} to {far:g} mm: give two distances, 0 < nearest <= farthest")
         if not 0.0 < self.spread_px <= 30.0:  # distances are kept in two bytes
             raise AcpLabError(f"spread_px = {self.spread_px:g}: give px above 0, at most 30")
+        if not 1 <= self.features <= SEARCH_SAMPLES:
+            raise AcpLabError(f"features = {self.features}: give 1 to {SEARCH_SAMPLES}, as many as a view keeps")

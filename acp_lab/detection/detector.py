@@ -37,7 +37,7 @@ _LEAST_WINDOW_PX, _STARTS_AT_ONCE = 48, 1000
 class Candidate:
     """A place where the part may be.
 
-    cam_T_obj: (4, 4) mm. evidence: what the image says of it. view_obj: (3,) unit, from which side it is seen.
+    cam_T_obj: (4, 4) mm. evidence: what the image says of it.
     """
 
     cam_T_obj: FloatArray
@@ -47,12 +47,6 @@ class Candidate:
     def score(self) -> float:
         """In [0, 1]."""
         return self.evidence.score
-
-    @property
-    def view_obj(self) -> FloatArray:
-        """(3,) unit: from the part towards the camera, object frame."""
-        eye = -self.cam_T_obj[:3, :3].T @ self.cam_T_obj[:3, 3]
-        return eye / max(float(np.linalg.norm(eye)), 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +138,8 @@ class Detector:
     def _narrowed(self, prior: PosePrior) -> DetectionConfig:
         """With the prior's depths, and as many candidates as its share of all poses asks for."""
         config, depth_mm = self.config, prior.depth_mm(self.part.box_centre)
-        share = log(prior.depth_ratio**2) / log(config.depth_mm[1] / config.depth_mm[0])
+        everywhere = log(config.depth_mm[1] / config.depth_mm[0])
+        share = log(prior.depth_ratio**2) / everywhere if everywhere else 1.0
         share *= min(1.0, 2.0 * prior.within_deg / 180.0)
         if prior.around_px is not None:
             share *= _SHARE_NEARBY

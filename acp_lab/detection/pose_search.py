@@ -68,7 +68,7 @@ class DistanceMaps:
         self.focal_px = 0.5 * (camera.fx + camera.fy)
         self._images: dict[int, ByteImage] = {}
         self._edges: dict[int, BoolArray] = {}
-        self._distances: dict[int, tuple[float, Float32Array]] = {}
+        self._distances: dict[int, tuple[tuple[float, float], Float32Array]] = {}
         self._maps: dict[tuple[int, float], ByteImage] = {}
 
     def level(self, depths: FloatArray) -> IntArray:
@@ -78,8 +78,9 @@ class DistanceMaps:
         scale = np.minimum(self.search_px * depths / (self.focal_px * self._diameter), most)
         return np.rint(np.log(scale) / np.log(_MAP_STEP)).astype(np.int64)
 
-    def scaled(self, level: int) -> tuple[float, Float32Array]:
-        """Scale of a level, and distances (bins, h, w) px by direction."""
+    def scaled(self, level: int) -> tuple[tuple[float, float], Float32Array]:
+        """Scale of a level in x and y, which whole pixels make differ a little, and distances (bins, h, w) px by
+        direction."""
         finish(self.making_distances(level))
         return self._distances[level]
 
@@ -98,7 +99,8 @@ class DistanceMaps:
         # A direction near that of the edge counts as a little further.
         found = yield from distances(directions, MAP_BINS, _MOST_PX, _PX_PER_BIN)
         self._edges[level] = directions != NO_EDGE
-        self._distances[level] = (image.shape[1] / self._image.shape[1], found)
+        (height, width), (full_height, full_width) = image.shape[:2], self._image.shape[:2]
+        self._distances[level] = (width / full_width, height / full_height), found
 
     def image(self, level: int) -> ByteImage:
         """(h, w, 3): the image at a level's scale."""
@@ -135,9 +137,8 @@ class DistanceMaps:
 
     def intrinsics(self, level: int) -> tuple[float, float, float, float]:
         """fx, fy, cx, cy of a level's camera; pixel centres at integers."""
-        scale, _ = self.scaled(level)
-        c = self.camera
-        return scale * c.fx, scale * c.fy, scale * (c.cx + 0.5) - 0.5, scale * (c.cy + 0.5) - 0.5
+        (across, down), c = self.scaled(level)[0], self.camera
+        return across * c.fx, down * c.fy, across * (c.cx + 0.5) - 0.5, down * (c.cy + 0.5) - 0.5
 
 
 @dataclass(frozen=True, eq=False)

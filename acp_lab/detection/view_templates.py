@@ -16,7 +16,7 @@ import trimesh
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
 from acp_lab.control_points.view_regions import choose_region
-from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.config import SEARCH_SAMPLES, DetectionConfig
 from acp_lab.detection.edge_maps import direction_bins
 from acp_lab.generator.base import RigidGenerator, VisibleSamples
 from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
@@ -27,7 +27,6 @@ STEP_PX = 4
 """Of the places that are scanned; the spread of the responses reaches over it."""
 VIEW_DISTANCE = 5.0
 """In diameters, as that of the stored visibility."""
-SEARCH_SAMPLES = 80
 SUBDIVISIONS = 3
 """Of the icosphere of all views: 642."""
 _SAME_DIRECTION = 1.0 - 1e-6

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Candidate, Detector, judging
 from acp_lab.detection.edge_maps import RESIZE_WORK
@@ -43,8 +44,8 @@ _SAME_SHARE = 0.1
 class Detection:
     """A hypothesis of where the part is.
 
-    cam_T_obj: (4, 4) mm. score: in [0, 1], how likely the pose is right. view_obj: (3,) unit, from which side it is
-    seen, object frame. is_accepted: the score is at least ACCEPTED.
+    cam_T_obj: (4, 4) mm. score: in [0, 1], how likely the pose is right. view_obj: (3,) unit, from the part's
+    centre to the camera, object frame. is_accepted: the score is at least ACCEPTED.
     """
 
     cam_T_obj: FloatArray
@@ -110,8 +111,13 @@ class Finder:
             aligned += yield from judging(look.witness, rival)
         best = self._distinct(sorted(aligned, key=lambda c: -c.evidence.log_odds), max(top, _RIVALS))
         return tuple(
-            Detection(c.cam_T_obj, score, c.view_obj) for c, score in zip(best[:top], shared_scores(best), strict=False)
+            Detection(c.cam_T_obj, score, self._view_obj(c.cam_T_obj))
+            for c, score in zip(best[:top], shared_scores(best), strict=False)
         )
+
+    def _view_obj(self, cam_T_obj: FloatArray) -> FloatArray:
+        eye: FloatArray = eye_position(cam_T_obj) - self.model.part.box_centre
+        return eye / max(float(np.linalg.norm(eye)), 1e-9)
 
     def _aligning(self, halves: list[Frame], pose: FloatArray) -> Steps[FloatArray | None]:
         """The pose that the tracker's solver makes of one; None where it left the part or saw too little.

@@ -15,7 +15,7 @@ from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Detector, start_poses
 from acp_lab.detection.edge_maps import bands, oriented_edges, removing_specks, resized, without_specks
 from acp_lab.detection.pose_prior import PosePrior
-from acp_lab.detection.pose_search import Poses, distinct
+from acp_lab.detection.pose_search import DistanceMaps, Poses, distinct
 from acp_lab.detection.scan import Candidates, depth_levels, scan
 from acp_lab.detection.view_templates import SCAN_BINS, STEP_PX, looking_along, spread
 from acp_lab.detection.work import finish
@@ -41,6 +41,35 @@ def test_impossible_depths(depth_mm: tuple[float, float]) -> None:
 def test_impossible_spread(spread_px: float) -> None:
     with pytest.raises(AcpLabError, match="spread_px"):
         DetectionConfig(spread_px=spread_px)
+
+
+@pytest.mark.parametrize("features", [0, 81])
+def test_impossible_features(features: int) -> None:
+    with pytest.raises(AcpLabError, match="give 1 to 80"):
+        DetectionConfig(features=features)
+
+
+def test_one_depth_alone_may_be_searched_near_a_pose() -> None:
+    model, scene = sample_model(), sample_scene()
+    frame, truth = scene.frame(0), scene.first_pose
+    depth = float(transform(truth, model.part.box_centre)[2])
+    config = DetectionConfig(depth_mm=(depth, depth), starts=40, kept=(20, 10), verified=6)
+    detector = Detector(model.part, model.best_generator(), config)
+    assert detector.candidates(frame.image, frame.camera, PosePrior(truth, 20.0, 1.1)).candidates
+
+
+def test_points_project_onto_the_map_of_an_image_that_shrinks_unevenly() -> None:
+    # 333x100 px shrink to whole px: not by the same share in x and y.
+    camera = Camera(333, 100, 400.0, 400.0, 170.0, 52.0)
+    maps = DistanceMaps(np.zeros((100, 333, 3), np.uint8), camera, 60.0, DetectionConfig())
+    level = int(maps.level(np.array([600.0]))[0]) + 6
+    (across, down), distance = maps.scaled(level)
+    height, width = distance.shape[1:]
+    assert across != down
+    fx, fy, cx, cy = maps.intrinsics(level)
+    small = Camera(width, height, fx, fy, cx, cy)
+    corners = small.project(camera.rays(np.array([[-0.5, -0.5], [332.5, 99.5]])))
+    np.testing.assert_allclose(corners, [[-0.5, -0.5], [width - 0.5, height - 0.5]], atol=1e-9)
 
 
 def test_levels_cover_the_range() -> None:

@@ -46,8 +46,9 @@ def test_found_in_the_sample(number: int) -> None:
     assert error.mean() < 0.05 * part.diameter
     assert found[0].is_accepted
     assert found[0].score >= ACCEPTED
+    centre_cam = transform(found[0].cam_T_obj, part.box_centre)
     assert found[0].cam_T_obj[:3, :3] @ found[0].view_obj == pytest.approx(
-        -found[0].cam_T_obj[:3, 3] / np.linalg.norm(found[0].cam_T_obj[:3, 3]), abs=1e-9
+        -centre_cam / np.linalg.norm(centre_cam), abs=1e-9
     )
     points = sample_finder()._points_obj
     for first, second in itertools.pairwise(found):
