@@ -258,7 +258,7 @@ ACP_EDGES = replace(
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0),
     recovery=SecondTries(),
     learning=SampleLearning(
-        offsets=OffsetConfig(follow_rate=0.0), polarity=Off(), profiles=Off(), blur=Off(), learn_above=0.7
+        offsets=OffsetConfig(view_deg=0.0, follow_rate=0.0), polarity=Off(), profiles=Off(), blur=Off(), learn_above=0.7
     ),
     confidence=EDGES_ALONE,
     uncertainty=Off(),

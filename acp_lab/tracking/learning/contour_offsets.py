@@ -9,7 +9,9 @@ overlay looks perfect. So every edge sample carries an expected offset in mm:
 * where the start pose can be trusted, the offsets of all samples in the first frame are measured, and
   neighbours that were not seen take the mean of their cell of space;
 * inner creases are moved about by reflections on some parts and are the steadiest of all on others;
-  their spread follows how much they scatter, frame by frame.
+  their spread follows how much they scatter, frame by frame;
+* an offset is the view's more than the part's: what was measured from one side says little from another
+  (`benchmarks/offset_persistence.py`), and counts less the farther the view has turned since.
 
 The spread becomes a weight in the solver: samples with a well-known offset decide the depth.
 (Not in the paper, which takes CAD edges as they are; see docs/paper-ledger.md.)
@@ -17,6 +19,7 @@ The spread becomes a weight in the solver: samples with a well-known offset deci
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -30,6 +33,10 @@ from acp_lab.geometry.pose_kernels import eliminate
 
 # A handful of samples has no scatter to speak of.
 MIN_FOR_SCATTER = 30
+# Turns are taken in from so many degrees on: a pose that only trembles must not wear away what was measured.
+_TURNED_DEG = 2.0
+# Less of a measurement than this is none.
+_LEAST_LEFT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,7 @@ class OffsetConfig:
         sample_inertia, cell_inertia, class_inertia: weights, in numbers of measurements, of the coarser
             estimate (cell, all outlines, prior) beside the finer one.
         largest: no measured offset is taken as larger.
+        view_deg: turn of the view after which a measurement counts e times less; 0 for never.
         follow_rate: share of what a frame shows beside the expected offset that is taken over, where the offset is not
             known at all; follow_noise: mm, scatter of what a frame shows, which lowers that share. 0 for never.
     """
@@ -72,6 +80,7 @@ class OffsetConfig:
     cell_inertia: float = 4.0
     class_inertia: float = 20.0
     largest: float = 0.8
+    view_deg: float = 15.0
     follow_rate: float = 0.2
     follow_noise: float = 0.4
 
@@ -83,6 +92,8 @@ class OffsetConfig:
         for name in ("scatter_rate", "follow_rate"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise TrackingError(f"learning.offsets.{name} = {getattr(self, name):g}: give 0 to 1")
+        if not 0.0 <= self.view_deg < float("inf"):
+            raise TrackingError(f"learning.offsets.view_deg = {self.view_deg:g}: give degrees, 0 for never")
         if not 0.0 <= self.inner_limits[0] <= self.inner_limits[1]:
             limits = list(self.inner_limits)
             raise TrackingError(f"learning.offsets.inner_limits = {limits}: give the least, then the most")
@@ -145,6 +156,7 @@ class ContourOffsets:
         self._sample_slopes: FloatArray | None = None
         self._cell_slopes: FloatArray | None = None
         self._inner_scatter_px = self.config.initial_scatter_px
+        self._to_eye: FloatArray | None = None
 
     @property
     def inner_spread_mm(self) -> float:
@@ -247,12 +259,37 @@ class ContourOffsets:
             np.add.at(self._sample_slopes, (ids[rows], role), slopes)
             np.add.at(self._cell_slopes, cells, slopes[shared])
 
+    def see_from(self, to_eye_obj: FloatArray) -> None:
+        """Let what was measured count less by how far the view has turned; to_eye_obj: (3,), object frame."""
+        if not self.config.view_deg:
+            return
+        to_eye = to_eye_obj / max(float(np.linalg.norm(to_eye_obj)), 1e-9)
+        if self._to_eye is None:
+            self._to_eye = to_eye
+            return
+        turn_deg = math.degrees(math.acos(min(max(float(to_eye @ self._to_eye), -1.0), 1.0)))
+        if turn_deg < _TURNED_DEG:
+            return
+        self._to_eye = to_eye
+        left = math.exp(-turn_deg / self.config.view_deg)
+        measured = self._sample_count, self._sample_sum, self._cell_count, self._cell_sum
+        for array in (*measured, self._sample_slopes, self._cell_slopes):
+            if array is not None:
+                array *= left
+
     def move(self, traits: FloatArray) -> None:
         """What was measured lies elsewhere beside the CAD's edges when the part's traits (k,) are others by so much."""
         if self._sample_slopes is not None and self._cell_slopes is not None:
-            # As one matrix: NumPy multiplies stacks of small ones ten times slower.
-            self._sample_sum += (self._sample_slopes.reshape(-1, len(traits)) @ traits).reshape(-1, 2)
-            self._cell_sum += self._cell_slopes @ traits
+            _add_moved(self._sample_sum.reshape(-1), self._sample_slopes.reshape(-1, len(traits)), plain(traits))
+            _add_moved(self._cell_sum, self._cell_slopes, plain(traits))
+
+
+@kernel("void(f8[::1], f8[:, ::1], f8[::1])")
+def _add_moved(sums: FloatArray, slopes: FloatArray, traits: FloatArray) -> None:
+    """Add slopes (n, k) times traits (k,) to sums (n,)."""
+    for n in range(len(sums)):
+        for k in range(len(traits)):
+            sums[n] += slopes[n, k] * traits[k]
 
 
 @kernel(
@@ -289,7 +326,8 @@ def _expect(
         square, spread_square = edge_spread * edge_spread, (spread * scale) ** 2
         if scatter_px[n] > 0.0:
             own_square = scatter_px[n] * scatter_px[n]
-            if sample_count[i, role] > 0:
+            if sample_count[i, role] > _LEAST_LEFT:
+                spread_square /= min(sample_count[i, role], 1.0)
                 # What was measured and what the profile says are two measurements of one place.
                 spread_square = own_square * spread_square / (own_square + spread_square)
             else:

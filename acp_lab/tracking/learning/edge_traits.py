@@ -96,7 +96,8 @@ class EdgeTraits:
         self._information = self._memory * self._information + matrix[6:, 6:]
         self._vector = self._memory * self._vector + vector[6:]
         # With what is known beforehand: 0, give or take 1.
-        self.values = np.asarray(np.linalg.solve(np.eye(count) + self._information, self._vector), np.float64)
+        self.values = self._vector.copy()
+        eliminate(np.eye(count) + self._information, self.values)
 
 
 @kernel("i8(f8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8, f8[:, ::1], f8[::1])")

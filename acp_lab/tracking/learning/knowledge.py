@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from acp_lab.compiled import kernel
+from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, plain
@@ -126,6 +127,11 @@ class Matches:
         directions = self.at.lines(self.points_obj, self.normals).directions
         _outward(directions, plain(self.at.cam_T_obj), self.edges.outline, plain(self.off_obj), outward)
         return outward
+
+    @property
+    def to_eye_obj(self) -> FloatArray:
+        """(3,) mm from the part's centre to the camera, object frame."""
+        return eye_position(self.at.cam_T_obj) - self.at.view.part.box_centre
 
     @property
     def jacobian(self) -> FloatArray:
@@ -272,6 +278,7 @@ class SampleKnowledge:
             residuals_px = residuals_px - shift_px * np.sign(matches.gradients) * outline
         evidence = matches.trait_evidence
         slopes_px = None if evidence is None else evidence.slopes_px
+        self.offsets.see_from(matches.to_eye_obj)
         self.offsets.learn(ids, outline, matches.expected, residuals_px, slopes_px)
 
     def forget_offsets(self) -> None:
@@ -292,6 +299,8 @@ class SampleKnowledge:
         ids, outline, residuals_px = matches.edges.sample_ids, matches.edges.outline, matches.residuals_px
         if self.memory is not None:
             self.memory.learn(ids, matches.candidates, matches.best, residuals_px)
+        if self.offsets is not None:
+            self.offsets.see_from(matches.to_eye_obj)
         self.learn_traits(matches)
         if self.offsets is not None:
             self.offsets.observe_scatter(ids, outline, residuals_px, matches.jacobian)

@@ -317,3 +317,70 @@ def test_nothing_measured_nothing_moves() -> None:
     np.testing.assert_array_equal(
         offsets.expect(ids, outline, directions).offsets_mm, fresh().expect(ids, outline, directions).offsets_mm
     )
+
+
+# ---- what was measured from one side -------------------------------------------------------------------------
+
+
+def turned(turn_deg: float) -> FloatArray:
+    """(3,) mm towards the camera, turned about the object's z axis."""
+    return 300.0 * np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg)), 0.0])
+
+
+def test_what_was_measured_counts_less_the_farther_the_view_has_turned() -> None:
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    offsets = fresh()
+    before = offsets.expect(ids, outline, directions)
+    offsets.see_from(turned(0.0))
+    offsets.learn(ids, outline, before, residuals_for(before, 0.3), np.full((len(ids), 2), 0.5))
+    near = offsets.expect(ids, outline, directions)
+    offsets.see_from(turned(1.0))  # a pose that trembles
+    offsets.see_from(turned(0.0))
+    np.testing.assert_array_equal(offsets.expect(ids, outline, directions).offsets_mm, near.offsets_mm)
+    moved, gone = [], []
+    for turn_deg in (0.0, 8.0, 30.0, 170.0):
+        offsets.see_from(turned(turn_deg))
+        expected = offsets.expect(ids, outline, directions, np.full(len(ids), 0.4))
+        moved.append(np.abs(expected.offsets_mm - before.offsets_mm))
+        gone.append(expected.weights)
+    for earlier, later in zip(moved, moved[1:], strict=False):
+        assert (later < earlier - 1e-4).all()
+    for earlier, later in zip(gone, gone[1:], strict=False):
+        assert (later <= earlier).all()
+    np.testing.assert_allclose(moved[-1], 0.0, atol=1e-3)
+    # As if nothing had been measured; what traits would move of it is gone, too.
+    unknown = fresh().expect(ids, outline, directions, np.full(len(ids), 0.4))
+    np.testing.assert_allclose(gone[-1], unknown.weights, rtol=1e-3)
+    offsets.move(np.array([1.0, -0.5]))
+    np.testing.assert_allclose(offsets.expect(ids, outline, directions).offsets_mm, before.offsets_mm, atol=1e-3)
+
+
+def test_a_view_turned_in_steps_forgets_as_much_as_at_once() -> None:
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    found = []
+    for steps in ((24.0,), (1.0, 3.0, 4.0, 9.0, 14.0, 15.0, 19.0, 24.0)):
+        offsets = fresh()
+        expected = offsets.expect(ids, outline, directions)
+        offsets.see_from(turned(0.0))
+        offsets.learn(ids, outline, expected, residuals_for(expected, 0.3))
+        for turn_deg in steps:
+            offsets.see_from(turned(turn_deg))
+        found.append(offsets.expect(ids, outline, directions).offsets_mm)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+
+
+def test_offsets_that_are_the_parts_alone_do_not_fade() -> None:
+    ids, outline, _, directions = seen_at(EDGES, POSE)
+    offsets = ContourOffsets(EDGES, PART.diameter, 0.0, OffsetConfig(view_deg=0.0))
+    expected = offsets.expect(ids, outline, directions)
+    offsets.see_from(turned(0.0))
+    offsets.learn(ids, outline, expected, residuals_for(expected, 0.3))
+    measured = offsets.expect(ids, outline, directions).offsets_mm
+    offsets.see_from(turned(120.0))
+    np.testing.assert_array_equal(offsets.expect(ids, outline, directions).offsets_mm, measured)
+
+
+@pytest.mark.parametrize("view_deg", [-3.0, float("inf"), float("nan")])
+def test_impossible_turns(view_deg: float) -> None:
+    with pytest.raises(TrackingError, match="view_deg"):
+        OffsetConfig(view_deg=view_deg)
