@@ -49,7 +49,7 @@ def track_scene(dataset: BopDataset, scene: BopScene, model: PreparedPart, objec
     from acp_lab.evaluation import evaluate
     from acp_lab.tracking.tracker import Tracker
 
-    run = Tracker(model).run(scene, start)
+    run = Tracker(model).run(scene, start, object_id=object_id)
     scored = evaluate(run, scene).objects[0]
     scores = scored.scores
     camera = scene.camera(scene.frame_ids[0])

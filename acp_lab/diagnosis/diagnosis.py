@@ -42,6 +42,7 @@ class Diagnosis:
     Attributes:
         run_name, object_id: which run and object; frame: counted from 0; frame_id: the image id.
         state, quality: of the result; usual_quality: upper quartile over the frames tracked until then.
+        has_good_before: whether there is a good frame before this one.
         onset: the first frame of the bad stretch that `frame` belongs to; `frame` itself when it is good.
         findings: the worst first.
         metric: "ADD", or "ADD-S" for a part with symmetries.
@@ -51,7 +52,8 @@ class Diagnosis:
         image: (h, w, 3) of that frame, None where it cannot be had.
         evidence: what it shows at `measured_at`, "the true pose" or "the tracked pose"; found_limit: share of found
             edges below which they are few.
-        hidden: (n,) bool, which of the evidence's edge points are missing in one connected region.
+        hidden: (n,) bool, which of the evidence's edge points are missing in one connected region; none in a good
+            frame without one to compare with.
         lost_since: the first frame of the lost stretch that `frame` belongs to; None where it is not lost.
     """
 
@@ -74,6 +76,7 @@ class Diagnosis:
     hidden: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     found_limit: float = DiagnosisConfig.found_share
     lost_since: int | None = None
+    has_good_before: bool = True
 
     @property
     def is_good(self) -> bool:
@@ -89,7 +92,8 @@ class Diagnosis:
     def summary(self) -> str:
         """The state of the frame, in one line."""
         text = f"Frame {self.frame} (image {self.frame_id}), object {self.object_id}: {self.state}, "
-        text += f"quality {self.quality:.2f}, {self.usual_quality:.2f} in the good frames before it"
+        usual = f"{self.usual_quality:.2f} in the good frames" if self.has_good_before else "no good frame"
+        text += f"quality {self.quality:.2f}, {usual} before it"
         if math.isfinite(self.add_percent):
             text += f", {self.metric} {self.add_percent:.1f}% of the diameter"
         text += "."
@@ -106,13 +110,16 @@ class Diagnosis:
         if not self.is_good:
             return "No known cause stands out."
         words = ["Nothing stands out."]
-        if self.usual_quality > 0.0:
+        if self.has_good_before and self.usual_quality > 0.0:
             change = round(100.0 * (self.quality / self.usual_quality - 1.0))
             than = f"{abs(change)}% {'above' if change > 0 else 'below'}" if change else "as in"
             words.append(f"The quality is {than} the good frames before it.")
         if self.evidence is not None:
-            share, limit = 100.0 * self.evidence.found_share, 100.0 * self.found_limit
-            words.append(f"{share:.0f}% of the edges in view are found in the image (few: below {limit:.0f}%).")
+            share, limit = self.evidence.found_share, self.found_limit
+            told = f"{100.0 * share:.0f}% of the edges in view are found in the image"
+            # Fewer are no cause where something hides the others.
+            hidden = f", {100.0 * float(self.hidden.mean()):.0f}% are hidden"
+            words.append(f"{told} (few: below {100.0 * limit:.0f}%)." if share >= limit else f"{told}{hidden}.")
         words.append("Neither would reveal a pose that drifts slowly or was wrong from the start.")
         return " ".join(words)
 
@@ -226,7 +233,11 @@ class _Case:
         """Measure, and name the causes beyond their limits."""
         number = self.measured_frame()
         evidence, before = self.evidence(number), self.evidence(self.reference)
-        hidden = np.zeros(0, bool) if evidence is None else evidence.hidden(before)
+        hidden = np.zeros(0, bool)
+        if evidence is not None:
+            # What is missing in a good frame may never have been found: only a frame before it tells that it was.
+            is_known = self.is_bad or before is not None
+            hidden = evidence.hidden(before) if is_known else np.zeros(len(evidence.scores), bool)
         found = [self.start(), *self.geometry(), *(self.motion(), self.region()) * self.is_bad]
         if evidence is not None:
             found += self.image(evidence, before, hidden)
@@ -255,6 +266,7 @@ class _Case:
             hidden,
             self.config.found_share,
             self.lost_since(),
+            any(_is_good(result, self.usual, self.config) for result in self.results[: self.frame]),
         )
 
     def lost_since(self) -> int | None:

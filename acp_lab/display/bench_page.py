@@ -86,7 +86,7 @@ def thumbnail(run: Run, root: Path, split: str) -> Thumbnail | None:
     shown = _cut(image, corners[0])
     good, jpeg = cv2.imencode(".jpg", shown[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
     error = run.distance[row]
-    far = f"ADD {100 * error:.0f}% of the diameter" if np.isfinite(error) else run.note or "no pose"
+    far = f"{run.metric} {100 * error:.0f}% of the diameter" if np.isfinite(error) else run.note or "no pose"
     told = f"{run.method}: {sequence}, image {frame_id}; {far}; {run.variant}"
     return Thumbnail(jpeg.tobytes(), told) if good else None
 
@@ -154,11 +154,18 @@ def _draw(
 
 
 def _cut(image: ByteImage, around: FloatArray) -> ByteImage:
-    """What lies around points (n, 2) px, made `_WIDTH_PX` wide."""
-    height, width = image.shape[:2]
-    low = np.clip(around.min(0, initial=np.inf) - _MARGIN_PX, 0, (width - 2, height - 2)).astype(int)
-    high = np.clip(around.max(0, initial=-np.inf) + _MARGIN_PX, low + 2, (width, height)).astype(int)
-    cut = image[low[1] : high[1], low[0] : high[0]]
+    """What lies around points (n, 2) px, made `_WIDTH_PX` wide; all of the image without any."""
+    size = np.array(image.shape[1::-1], float)
+    if len(around) == 0:
+        around = np.stack([np.zeros(2), size])
+    low = np.clip(around.min(0) - _MARGIN_PX, 0.0, size)
+    high = np.clip(around.max(0) + _MARGIN_PX, 0.0, size)
+    # Of a part that has left the image a sliver is seen, or nothing: it would be enlarged beyond measure.
+    least = max(0.5 * float((high - low).max()), 2.0 * _MARGIN_PX)
+    sides = np.minimum(np.maximum(high - low, least), size)
+    x, y = np.clip(0.5 * (low + high - sides), 0.0, size - sides).astype(int)
+    width, height = np.ceil(sides).astype(int)
+    cut = image[y : y + height, x : x + width]
     scale = _WIDTH_PX / cut.shape[1]
-    size = (_WIDTH_PX, max(1, round(scale * cut.shape[0])))
-    return np.asarray(cv2.resize(cut, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR), np.uint8)
+    shape = (_WIDTH_PX, max(1, round(scale * cut.shape[0])))
+    return np.asarray(cv2.resize(cut, shape, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR), np.uint8)

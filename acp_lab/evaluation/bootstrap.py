@@ -1,7 +1,8 @@
 """Confidence intervals for a share of frames over a few sequences.
 
 Frames of one sequence are not independent. Sequences are therefore drawn with replacement, and within each of them
-blocks of consecutive frames: a hierarchical block bootstrap.
+blocks of consecutive frames: a hierarchical block bootstrap. Blocks run on from the last frame to the first, so that
+every frame is drawn equally often.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ def bootstrap_mean(sequences: Sequence[FloatArray], draws: int = 2000, seed: int
     for column, frames in enumerate(sequences):
         length = min(BLOCK_FRAMES, len(frames))
         blocks = -(-len(frames) // length)
-        starts = rng.integers(0, len(frames) - length + 1, (draws, blocks))
-        rows = (starts[:, :, None] + np.arange(length)).reshape(draws, -1)[:, : len(frames)]
+        starts = rng.integers(0, len(frames), (draws, blocks))
+        # Without the wrap few blocks would reach the ends, and frames in the middle would count more.
+        rows = (starts[:, :, None] + np.arange(length)).reshape(draws, -1)[:, : len(frames)] % len(frames)
         means[:, column] = frames[rows].mean(1)
     picked = rng.integers(0, len(sequences), (draws, len(sequences)))
     drawn = np.take_along_axis(means, picked, 1).mean(1)

@@ -49,8 +49,9 @@ def adds_mm(
 ) -> float:
     """ADD-S: mean distance from each point (n, 3) under the truth to the *nearest* point under the estimate.
 
-    tree: a cKDTree of points_obj, to be made once when many frames are scored. The true points are brought
-    into the estimate's object frame instead of moving the tree; distances stay what they are.
+    tree: a cKDTree of the points that may be nearest, to be made once when many frames are scored; of points_obj by
+    default. The true points are brought into the estimate's object frame instead of moving the tree; distances stay
+    what they are.
     """
     nearest = cKDTree(points_obj) if tree is None else tree
     distances, _ = nearest.query(transform(inverse(cam_T_est) @ cam_T_true, points_obj))

@@ -27,11 +27,15 @@ class PartMetric:
     """
 
     def __init__(self, part: Part, most_vertices: int | None = None) -> None:
-        """most_vertices: measure on every k-th vertex, so that there are at most that many; on all by default."""
+        """most_vertices: measure at every k-th vertex, so that there are at most that many; at all by default.
+
+        The nearest point of ADD-S is sought among all vertices either way.
+        """
         step = 1 if most_vertices is None else max(1, -(-len(part.vertices) // most_vertices))
         self.name = metric_name(part)
         self._points_obj = np.ascontiguousarray(part.vertices[::step])
-        self._tree = cKDTree(self._points_obj) if part.symmetries else None
+        # Were these thinned, too, a turned part would be off by the gaps between its vertices.
+        self._tree = cKDTree(part.vertices) if part.symmetries else None
         self._diameter = part.diameter
 
     def mm(self, cam_T_est: FloatArray, cam_T_true: FloatArray) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from acp_lab.bench.protocol import SequenceKey, Variant
 from acp_lab.bench.record import Run
 from acp_lab.bench.report import Report, flat_rows, markdown
 from acp_lab.bench.tables import difference, table, verdict
-from acp_lab.display.bench_page import Thumbnail, failures, thumbnail, write_page
+from acp_lab.display.bench_page import Thumbnail, _cut, failures, thumbnail, write_page
 from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.evaluation import evaluate
 from acp_lab.evaluation.bootstrap import Interval
@@ -198,6 +199,33 @@ def test_the_page_holds_everything_and_asks_for_nothing(tmp_path: Path) -> None:
     assert 'src="http' not in page
     assert "<script" not in page
     assert "<link" not in page
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[635.0, 100.0], [700.0, 400.0]],  # leaves at the right
+        [[700.0, 100.0], [800.0, 400.0]],  # has left
+        [[-300.0, 100.0], [-200.0, 400.0]],
+        [[900.0, 900.0], [950.0, 950.0]],  # beyond a corner
+        [[100.0, 470.0], [500.0, 600.0]],  # leaves below
+        [[10.0, 10.0], [600.0, 400.0]],
+        [],
+    ],
+)
+def test_pictures_of_parts_at_the_border_have_a_usual_shape(points: list[list[float]]) -> None:
+    image = np.zeros((480, 640, 3), np.uint8)
+    height, width = _cut(image, np.array(points, float).reshape(-1, 2)).shape[:2]
+    assert width == 280
+    assert 100 <= height <= 2 * 280 + 10
+
+
+def test_a_picture_names_the_metric_of_its_part(tmp_path: Path) -> None:
+    sequence = SequenceKey("sample", 1, 1)
+    run = replace(made_run([0.01, 0.4], sequence=sequence), metric="ADD-S")
+    picture = thumbnail(run, sample_dataset(), "test")
+    assert picture is not None
+    assert "; ADD-S 40% of the diameter" in picture.told
 
 
 def test_a_page_without_data_for_a_plot_says_what_would_fill_it(tmp_path: Path) -> None:

@@ -116,6 +116,37 @@ def test_a_good_frame_is_held_against_the_good_frames_before(good: TrackRun) -> 
     assert "quality is as in the good frames" in diagnose(run, -2).conclusion
 
 
+def test_without_a_good_frame_before_none_is_spoken_of(good: TrackRun) -> None:
+    first = str(diagnose(good, 0))
+    assert "no good frame before it" in first
+    assert "good frames before" not in first
+    assert "% of the edges in view are found" in first
+    bad = [replace(result, state=TrackState.WEAK, quality=0.2) for result in good.results[1]]
+    assert "no good frame before it" in diagnose(replace(good, results={1: tuple(bad)}), 3).summary
+    assert "in the good frames before it" in diagnose(good, 1).summary
+
+
+def test_edges_that_were_never_found_do_not_count_as_hidden(
+    good: TrackRun, images: list[ByteImage], truth: list[FloatArray]
+) -> None:
+    """In a first frame that counts as good: it said that nothing stands out, and that few edges are found."""
+    covered = [image.copy() for image in images]
+    for image in covered:
+        image[:, : CAMERA.width // 2 + 6] = (230, 150, 40)
+    first = diagnose(replace(good, sequence=_ByImageId(list(covered), {1: truth})), 0)
+    assert first.evidence is not None
+    assert first.evidence.found_share < first.found_limit
+    assert first.causes == (Cause.FEW_EDGES,)
+    assert not first.hidden.any()
+    # Where the frame before shows them they are hidden, which is said.
+    later = diagnose(replace(good, sequence=_ByImageId([images[0], *covered[1:]], {1: truth})), 1)
+    assert later.evidence is not None
+    assert later.evidence.found_share < later.found_limit
+    assert later.causes == ()
+    assert re.search(r"% of the edges in view are found in the image, [456]\d% are hidden\.", later.conclusion)
+    assert "few" not in later.conclusion
+
+
 # ---- what the image does ---------------------------------------------------------------------------------------
 
 

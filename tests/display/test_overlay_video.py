@@ -8,13 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.display.colours import OBJECT_COLOURS, lighter, to_bytes
 from acp_lab.display.replay.budget import SizeBudget
 from acp_lab.display.replay.file import ReplayContent, check_replay, read_replay
-from acp_lab.display.replay.frames import fps_of, shown_frames
-from acp_lab.display.replay.overlay_video import BACKGROUND, _decode, write_film
+from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, shown_frames
+from acp_lab.display.replay.overlay_video import BACKGROUND, _decode, _drawn, _Panel, write_film
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, frames, play, result
+from tests.display.recording import Recording
 from tests.sequences.turned_jpeg import turned
 
 av = pytest.importorskip("av")
@@ -151,6 +153,44 @@ def test_large_images_are_not_enlarged(tmp_path: Path) -> None:
     assert _panel(replay, "").width == pytest.approx(1024, abs=80)
     jpeg = cv2.imencode(".jpg", np.zeros((1024, 1224, 3), np.uint8))[1]
     assert jpeg is not None
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 512), (320, 256), (512, 640), (800, 200)])
+def test_scenes_of_other_image_sizes_are_drawn_over_in_their_place(width: int, height: int) -> None:
+    """The picture's size is that of the first scene's images."""
+    half, middle = height / 8, np.array([0.4 * width, 0.3 * height])
+    image = np.zeros((height, width, 3), np.uint8)
+    low, high = np.round(middle - half).astype(int), np.round(middle + half).astype(int)
+    image[low[1] : high[1], low[0] : high[0]] = 255
+    quad = np.array([low, (high[0], low[1]), high, (low[0], high[1])], np.float32)  # in rerun's pixels
+    bare, marked = (ShownFrame(0, 0.0, cv2.imencode(".jpg", image)[1].tobytes()) for _ in range(2))
+    marked.objects["obj_000001"] = ShownObject(quad=quad)
+    panel = _Panel([bare, marked], ("obj_000001",), "", 960, 768)
+    without, drawn = (_drawn(panel, number)[:768].astype(int) for number in (0, 1))
+    square = np.argwhere(without.min(2) > 128)[:, ::-1]
+    overlay = np.argwhere(np.abs(drawn - without).max(2) > 60)[:, ::-1]
+    assert np.ptp(square, axis=0) == pytest.approx(2 * half * min(960 / width, 768 / height), abs=4)
+    # Corners are dots with a radius of 5 px.
+    np.testing.assert_allclose(overlay.min(0), square.min(0) - 5, atol=3)
+    np.testing.assert_allclose(overlay.max(0), square.max(0) + 5, atol=3)
+
+
+def test_objects_have_the_colours_that_they_have_in_the_replay(tmp_path: Path) -> None:
+    """Whatever order the session has; and in scenes that lack the first of them, or have another before it."""
+    replay = Replay(tmp_path / "run.rrd", sessions=3)
+    for object_ids in ((9, 5), (9,), (1, 5)):
+        play([replay], object_ids)
+    film = read_replay(check_replay(replay.path))
+    frames_of, recording = shown_frames(film), Recording.read(replay.path)
+    panel = _Panel(frames_of, film.objects, "", 960, 768)
+    count = len(FRAME_IDS)
+    for number, object_id, order in ((0, 5, 0), (0, 9, 1), (count, 9, 1), (2 * count, 1, 2), (2 * count, 5, 0)):
+        name = f"obj_{object_id:06d}"
+        logged = {row.value[0] for row in recording.of(f"/camera/control_points/{name}", "colors")}
+        bright = to_bytes(lighter(OBJECT_COLOURS[order], 0.3)).tolist()
+        assert logged == {int.from_bytes((*bright, 255))}
+        x, y = np.round(frames_of[number].objects[name].quad[0] * 6).astype(int)
+        np.testing.assert_allclose(_drawn(panel, number)[y, x], bright, atol=2)
 
 
 def test_images_are_decoded_as_they_are_stored() -> None:

@@ -9,12 +9,14 @@ import pytest
 import traitlets
 
 from acp_lab.control_points.view_regions import REGION_NAMES
+from acp_lab.display.widgets.controls import close_with_parts
 from acp_lab.display.widgets.pose_aligner import CLICK, DRAG, PoseAligner
 from acp_lab.errors import InputFileError
 from acp_lab.evaluation import add_mm
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.json_file import read_pose
+from acp_lab.tracking.find import Detection, Finder
 from acp_lab.tracking.snap import SnapResult
 from tests.display.open_widgets import open_widgets
 from tests.display.scripted_hand import drag, drag_onto_the_part, view_from_beside
@@ -364,6 +366,20 @@ def test_hypotheses_that_are_replaced_are_closed(aligner: PoseAligner) -> None:
     assert len(open_widgets()) == before
     assert shown[0].children[0].comm is None
     assert aligner.finder.children[0].children[0].comm is not None
+
+
+def test_an_aligner_that_is_closed_during_a_search_leaves_no_widgets(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = open_widgets()
+    aligner = PoseAligner(sample_model(), first_frame())
+    pose = sample_scene().first_pose
+
+    def closing(finder: Finder, *_: object) -> tuple[Detection, ...]:
+        close_with_parts(aligner)
+        return (Detection(pose, 0.9, np.array([0.0, 0.0, 1.0])),)
+
+    monkeypatch.setattr(Finder, "find", closing)
+    assert len(aligner.finder.find()) == 1
+    assert open_widgets() == before
 
 
 def test_snapping_where_nothing_is_says_so(aligner: PoseAligner) -> None:

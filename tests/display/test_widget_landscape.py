@@ -48,6 +48,20 @@ def test_a_value_is_drawn_where_the_axes_have_it(widget: LossLandscape) -> None:
         assert [cut.cursor for cut in widget.cuts] == [number, 16]
 
 
+def test_coordinates_that_are_the_same_are_swapped(widget: LossLandscape) -> None:
+    """On a map of one variable across and down, map and descent disagreed."""
+    u, v = widget.u.value, widget.v.value
+    widget.v.value = u
+    assert (widget.u.value, widget.v.value) == (v, u)
+    assert widget._slice is not None
+    assert (widget._slice.u, widget._slice.v) == (v, u)
+    widget.u.value = u
+    assert (widget.u.value, widget.v.value) == (u, v)
+    x, y = widget.map.points[0]
+    across, down = widget.map.axes
+    np.testing.assert_allclose(widget.start_offsets[:2], [across.value(x, 360), down.value(y, 360)])
+
+
 def test_form_and_alpha_change_the_map_without_asking_the_frame_again(widget: LossLandscape) -> None:
     before, picture = widget._slice, widget.map.image
     widget.alpha.value = 4.0

@@ -34,6 +34,27 @@ def test_blocks_are_wider_than_independent_frames_would_be() -> None:
     assert halves.high - halves.low > 3.0 * (mixed.high - mixed.low)
 
 
+@pytest.mark.parametrize(("count", "first", "end"), [(29, 9, 20), (29, 12, 17), (19, 7, 12), (29, 0, 3), (29, 26, 29)])
+def test_all_frames_count_alike(count: int, first: int, end: int) -> None:
+    """Failures in the middle are no worse than failures at an end."""
+    frames = np.ones(count)
+    frames[first:end] = 0.0
+    interval = bootstrap_mean([frames])
+    assert interval.low <= interval.mean <= interval.high
+    shifted = bootstrap_mean([np.roll(frames, count // 2)])
+    assert interval.low == pytest.approx(shifted.low, abs=0.05)
+    assert interval.high == pytest.approx(shifted.high, abs=0.05)
+
+
+def test_the_mean_that_is_drawn_is_the_mean() -> None:
+    """Over many sequences the interval is narrow, and lies around it."""
+    frames = np.ones(29)
+    frames[9:20] = 0.0
+    interval = bootstrap_mean([frames] * 400)
+    assert interval.high - interval.low < 0.1
+    assert 0.5 * (interval.low + interval.high) == pytest.approx(interval.mean, abs=0.01)
+
+
 def test_the_same_seed_gives_the_same_interval(rng: np.random.Generator) -> None:
     frames = [rng.uniform(size=33) < 0.6 for _ in range(5)]
     values = [np.asarray(f, float) for f in frames]

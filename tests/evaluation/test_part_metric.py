@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
@@ -21,6 +22,14 @@ TRUTH = make_pose(so3_exp(np.array([0.4, -0.3, 0.2])), np.array([10.0, -5.0, 400
 def symmetric_box() -> Part:
     plain = box()
     return Part.from_mesh(plain.vertices, plain.faces, "box", Symmetries(HALF_TURN[None]))
+
+
+def tube() -> Part:
+    """Finely meshed along its axis z, about which it may turn."""
+    profile = [[8.0, 0.0], *([12.0, height] for height in range(61)), [8.0, 60.0], [8.0, 0.0]]
+    mesh = trimesh.creation.revolve(np.array(profile, float), sections=120)
+    about_z = Symmetries(np.zeros((0, 4, 4)), (((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),))
+    return Part.from_mesh(mesh.vertices, mesh.faces, "tube", about_z)
 
 
 def off(part: Part, seed: int = 0) -> FloatArray:
@@ -59,6 +68,14 @@ def test_every_kth_vertex_is_enough() -> None:
     step = math.ceil(len(part.vertices) / 50)
     assert step > 1
     assert few.mm(estimate, TRUTH) == pytest.approx(add_mm(part.vertices[::step], estimate, TRUTH))
+
+
+def test_the_nearest_point_of_add_s_is_sought_among_all_vertices() -> None:
+    """A finely meshed turned part is near itself in every turn, at however many vertices that is asked."""
+    part = tube()
+    estimate = TRUTH @ make_pose(so3_exp(np.array([0.0, 0.0, np.radians(33.0)])), np.zeros(3))
+    estimate[2, 3] += 0.005 * part.diameter
+    assert PartMetric(part, 200).mm(estimate, TRUTH) == pytest.approx(PartMetric(part).mm(estimate, TRUTH), rel=0.1)
 
 
 def test_the_closest_truth_is_the_one_that_the_errors_are_against() -> None:

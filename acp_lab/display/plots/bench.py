@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from acp_lab.display.look import as_it_is
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Setting = Literal["step", "noise"]
 
 _MOST_PERCENT = 10.0
 _NEAR = 0.08  # of @5%: names of points that are nearer to each other would overlap
@@ -34,7 +37,7 @@ def bench_figure(runs: Sequence[Run], rows: Sequence[Row], basins: Sequence[Basi
     curves, times, preparing, noises, basin, steps = figure.subplots(2, 3).ravel()
     draw_recall_curves(curves, runs)
     draw_times(times, rows)
-    draw_against(noises, rows, "noise_deg", "how far the start is off, degrees", "give --noise to see this")
+    draw_against(noises, rows, "noise", "how far the start is off", "give --noise to see this")
     draw_preparing(preparing, rows)
     draw_basins(basin, basins, list(dict.fromkeys(row.method for row in rows)))
     draw_against(steps, rows, "step", "one of n frames used", "give --steps to see this")
@@ -129,32 +132,49 @@ def draw_basins(axes: Axes, basins: Sequence[Basin], methods: Sequence[str]) -> 
             middle = np.array([basin.found.mean for basin in own])
             spans = np.array([(basin.found.low, basin.found.high) for basin in own]).T
             axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
-    names = [f"{degrees:g}°\n{mm:g} mm" if degrees or mm else "truth" for degrees, mm in starts]
-    axes.set_xticks(range(len(starts)), names)
+    axes.set_xticks(range(len(starts)), _start_names(starts))
     axes.set(ylabel="share of runs", ylim=(-0.02, 1.02))
     axes.set_title(f"basin: within 5% in frame {FRAME}")
     axes.grid(alpha=0.3)
 
 
-def draw_against(axes: Axes, rows: Sequence[Row], setting: str, name: str, otherwise: str) -> None:
-    """Recall at 5% with its interval over one setting of the variants, the others being as they are by default."""
+def draw_against(axes: Axes, rows: Sequence[Row], setting: Setting, name: str, otherwise: str) -> None:
+    """Recall at 5% with its interval over one setting of the variants, the others being as they are by default.
+
+    setting: "step"; or "noise", degrees and mm together: starts side by side, as in `draw_basins`.
+    name: of the axis. otherwise: what is said where there is one value only.
+    """
     group = _group(rows)
     chosen = [row for row in rows if row.group == group and _only(row.variant, setting)]
     methods = list(dict.fromkeys(row.method for row in rows))
-    if len({getattr(row.variant, setting) for row in chosen}) < 2:
+    starts = sorted({(row.variant.noise_deg, row.variant.noise_mm) for row in chosen})
+    steps = sorted({row.variant.step for row in chosen})
+    if len(starts if setting == "noise" else steps) < 2:
         _say(axes, otherwise)
         return
+
+    def place(row: Row) -> int:
+        variant = row.variant
+        return variant.step if setting == "step" else starts.index((variant.noise_deg, variant.noise_mm))
+
     for number, method in enumerate(methods):
-        own = [row for row in chosen if row.method == method]
-        at = [getattr(row.variant, setting) for row in own]
+        own = sorted((row for row in chosen if row.method == method), key=place)
         middle = np.array([row.recalls[1].mean for row in own])
         spans = np.array([(row.recalls[1].low, row.recalls[1].high) for row in own]).reshape(-1, 2).T
+        at = [place(row) for row in own]
         axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
     if setting == "step":
-        axes.set_xticks(sorted({row.variant.step for row in chosen}))
+        axes.set_xticks(steps)
+    else:
+        axes.set_xticks(range(len(starts)), _start_names(starts))
     axes.set(xlabel=name, ylabel="@5%", ylim=(-0.02, 1.02))
     axes.set_title(f"@5%: {name}")
     axes.grid(alpha=0.3)
+
+
+def _start_names(starts: Sequence[tuple[float, float]]) -> list[str]:
+    """Of starts so many degrees and mm off."""
+    return [f"{degrees:g}°\n{mm:g} mm" if degrees or mm else "truth" for degrees, mm in starts]
 
 
 def _say(axes: Axes, words: str) -> None:
@@ -181,7 +201,9 @@ def _overall(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if row.group == group and row.variant.group == Variant().group]
 
 
-def _only(variant: Variant, setting: str) -> bool:
-    plain = Variant()
-    others = {"step", "noise_deg", "resets"} - {setting}
-    return all(getattr(variant, name) == getattr(plain, name) for name in others)
+def _only(variant: Variant, setting: Setting) -> bool:
+    """Whether nothing but the setting (and the seed) is other than by default."""
+    plain = Variant(seed=variant.seed)
+    if setting == "step":
+        return variant == replace(plain, step=variant.step)
+    return variant == replace(plain, noise_deg=variant.noise_deg, noise_mm=variant.noise_mm)

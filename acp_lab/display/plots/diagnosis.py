@@ -157,11 +157,12 @@ def _cut_to(axes: Axes, points: FloatArray, shape: tuple[int, ...]) -> None:
 
 def _draw_quality(axes: Axes, diagnosis: Diagnosis, qualities: FloatArray) -> None:
     axes.plot(np.arange(len(qualities)), qualities, color=BLUE, linewidth=1.4)
-    axes.axhline(diagnosis.usual_quality, color=GREY, linestyle="--", linewidth=0.8)
-    place = (len(qualities) - 1, diagnosis.usual_quality)
-    # Inside the axes: a good quality is at their upper end.
-    below = {"xytext": (-4, -4), "va": "top"} if diagnosis.usual_quality > 0.5 else {"xytext": (-4, 3)}
-    axes.annotate("good frames before", place, textcoords="offset points", fontsize=7, ha="right", **below)
+    if diagnosis.has_good_before:
+        axes.axhline(diagnosis.usual_quality, color=GREY, linestyle="--", linewidth=0.8)
+        place = (len(qualities) - 1, diagnosis.usual_quality)
+        # Inside the axes: a good quality is at their upper end.
+        below = {"xytext": (-4, -4), "va": "top"} if diagnosis.usual_quality > 0.5 else {"xytext": (-4, 3)}
+        axes.annotate("good frames before", place, textcoords="offset points", fontsize=7, ha="right", **below)
     if diagnosis.onset < diagnosis.frame:
         axes.axvspan(diagnosis.onset, diagnosis.frame, color=VERMILLION, alpha=0.15, linewidth=0.0)
     axes.axvline(diagnosis.frame, color=VERMILLION, linewidth=1.2)

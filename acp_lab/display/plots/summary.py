@@ -112,7 +112,8 @@ class SummaryPicture:
         """Forget the last session."""
         self._session = session
         self._pictures: list[tuple[int, ByteImage, tuple[TrackResult, ...]]] = []
-        self._curves = {o.object_id: Curves(_title(o.object_id, o.part)) for o in session.objects}
+        by_id = sorted(session.objects, key=lambda tracked: tracked.object_id)  # the order of their colours
+        self._curves = {o.object_id: Curves(_title(o.object_id, o.part)) for o in by_id}
         self._add_percent = {o.object_id: AddPercent(o.part) for o in session.objects}
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:

@@ -49,8 +49,8 @@ class ReplayContent:
     """The chunks of a replay and what its run said of itself.
 
     announced: how many frames each scene had to offer, 0 where nobody knew. scenes: their names.
-    objects: names of the tracked objects' entities. spot: where in space they were first.
-    last_frame: on the timeline `frame`, -1 without any.
+    objects: names of the tracked objects' entities, in the order of their colours.
+    spot: where in space they were first. last_frame: on the timeline `frame`, -1 without any.
     """
 
     file: ReplayFile

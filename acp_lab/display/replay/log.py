@@ -40,7 +40,7 @@ MAP_OPACITY = 0.6
 
 
 class RunLog:
-    """Logs one session; `label` stands before the names of its curves, `colours` are one per object."""
+    """Logs one session; `label` stands before the names of its curves, `colours` are one per object, by their ids."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class RunLog:
         self._objects: dict[int, ObjectLog] = {}
         self._curves: dict[int, CurveLog] = {}
         among_others = len(session.objects) > 1 or bool(label)
-        for order, tracked in enumerate(session.objects):
+        for order, tracked in enumerate(sorted(session.objects, key=lambda tracked: tracked.object_id)):
             colour = colours[order % len(colours)]
             name = " ".join(filter(None, (label, object_name(tracked.object_id))))
             self._objects[tracked.object_id] = ObjectLog(self._log, tracked, colour, session.truth is not None)

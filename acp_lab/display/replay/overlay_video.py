@@ -17,10 +17,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from acp_lab.display.colours import OBJECT_COLOURS, lighter, to_bytes
+from acp_lab.display.colours import to_bytes
 from acp_lab.display.replay.curves import STATE_COLOURS
 from acp_lab.display.replay.file import ReplayContent
 from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, shown_frames
+from acp_lab.display.replay.log import BRIGHT_COLOURS
 from acp_lab.errors import AcpLabError, InputFileError
 from acp_lab.files import replacing
 from acp_lab.geometry.arrays import ByteImage
@@ -46,14 +47,29 @@ _SHIFT = 4  # fractional bits of cv2's coordinates
 
 @dataclass(frozen=True)
 class _Panel:
-    """One replay in the film: its frames, the names of its objects, and the size of its images on the screen."""
+    """One replay in the film: its frames, the names of its objects, and the size that all its pictures have."""
 
     frames: list[ShownFrame]
     names: tuple[str, ...]
     title: str
     width: int
     height: int
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where an image of (h, w) px is in a panel's picture, which another scene's images may not fill."""
+
     scale: float
+    left: int
+    top: int
+
+    @classmethod
+    def of(cls, image: ByteImage, panel: _Panel) -> _Place:
+        """In the middle, as large as it fits."""
+        height, width = image.shape[:2]
+        scale = min(panel.width / width, panel.height / height)
+        return cls(scale, round(panel.width - scale * width) // 2, round(panel.height - scale * height) // 2)
 
 
 def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress | None = None) -> int:
@@ -91,32 +107,37 @@ def _panel(content: ReplayContent, title: str) -> _Panel:
         raise InputFileError(f"{content.file.path}: holds no image: no film can be made of it")
     height, width = _decode(first).shape[:2]
     scale = max(1.0, round(2 * PANEL_WIDTH / width) / 2)
-    return _Panel(frames, content.objects, title, round(scale * width), round(scale * height), scale)
+    return _Panel(frames, content.objects, title, round(scale * width), round(scale * height))
 
 
 def _drawn(panel: _Panel, number: int) -> ByteImage:
     """Frame `number` of a panel, or its last one, with its captions below."""
     number = min(number, len(panel.frames) - 1)
     frame = panel.frames[number]
-    picture = _ground(panel, number)
+    picture, place = _ground(panel, number)
     for order, name in enumerate(panel.names):
         if name in frame.objects:
-            _draw_object(picture, frame.objects[name], lighter(OBJECT_COLOURS[order % len(OBJECT_COLOURS)], 0.3), panel)
+            _draw_object(picture, frame.objects[name], BRIGHT_COLOURS[order % len(BRIGHT_COLOURS)], place)
     return np.vstack([picture, _captions(panel, number)])
 
 
-def _ground(panel: _Panel, number: int) -> ByteImage:
+def _ground(panel: _Panel, number: int) -> tuple[ByteImage, _Place]:
     """The image of a frame; of one that could not be read the image before it, darker; plain where none was kept."""
     frame = panel.frames[number]
-    if frame.is_left_out:
-        return np.full((panel.height, panel.width, 3), BACKGROUND, np.uint8)
     jpeg = next(f.jpeg for f in [*reversed(panel.frames[: number + 1]), *panel.frames] if f.jpeg is not None)
-    large = cv2.resize(_decode(jpeg), (panel.width, panel.height), interpolation=cv2.INTER_CUBIC)
-    return np.asarray(large if frame.jpeg is not None else large // 3, np.uint8)
+    image = _decode(jpeg)
+    place = _Place.of(image, panel)
+    picture = np.full((panel.height, panel.width, 3), BACKGROUND, np.uint8)
+    if not frame.is_left_out:
+        size = (round(place.scale * image.shape[1]), round(place.scale * image.shape[0]))
+        large = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC)
+        shown = large if frame.jpeg is not None else large // 3
+        picture[place.top : place.top + size[1], place.left : place.left + size[0]] = shown
+    return picture, place
 
 
-def _draw_object(picture: ByteImage, shown: ShownObject, colour: tuple[float, ...], panel: _Panel) -> None:
-    strokes = _fixed(shown.strokes, panel.scale)
+def _draw_object(picture: ByteImage, shown: ShownObject, colour: tuple[float, ...], place: _Place) -> None:
+    strokes = _fixed(shown.strokes, place)
     rgb = shown.colours.tolist()
     # A dark rim keeps light strokes legible on bright metal.
     cv2.polylines(picture, list(strokes), False, (20, 20, 20), 4, cv2.LINE_AA, _SHIFT)
@@ -124,7 +145,7 @@ def _draw_object(picture: ByteImage, shown: ShownObject, colour: tuple[float, ..
         cv2.polylines(picture, [stroke], False, of_stroke, 2, cv2.LINE_AA, _SHIFT)
     if shown.quad is not None and np.isfinite(shown.quad).all() and np.abs(shown.quad).max() < 1e5:
         own = to_bytes(colour).tolist()
-        quad = _fixed(shown.quad[None], panel.scale)[0]
+        quad = _fixed(shown.quad[None], place)[0]
         cv2.polylines(picture, [quad], True, own, 1, cv2.LINE_AA, _SHIFT)
         for corner in quad:
             cv2.circle(picture, corner.tolist(), 5 << _SHIFT, own, -1, cv2.LINE_AA, _SHIFT)
@@ -176,9 +197,9 @@ def _draw_curve(draw: ImageDraw.ImageDraw, panel: _Panel, name: str, number: int
     draw.line((across[number], high, across[number], low), TEXT)
 
 
-def _fixed(points: NDArray[np.float32], scale: float) -> NDArray[np.int32]:
-    """Points (n, k, 2) in rerun's pixels as cv2's fixed-point coordinates on the enlarged picture."""
-    clipped = np.clip(points.astype(np.float64) * scale - 0.5, -1e4, 1e4)
+def _fixed(points: NDArray[np.float32], place: _Place) -> NDArray[np.int32]:
+    """Points (n, k, 2) in rerun's pixels of an image as cv2's fixed-point coordinates on the panel's picture."""
+    clipped = np.clip(points.astype(np.float64) * place.scale + (place.left - 0.5, place.top - 0.5), -1e4, 1e4)
     return np.round(clipped * (1 << _SHIFT)).astype(np.int32)
 
 

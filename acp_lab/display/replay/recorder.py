@@ -21,7 +21,7 @@ from acp_lab.display.replay.blueprint import single_run, spot_of
 from acp_lab.display.replay.budget import SizeBudget
 from acp_lab.display.replay.clock import RunningClock
 from acp_lab.display.replay.images import ImageWriter
-from acp_lab.display.replay.log import Iterations, RunLog
+from acp_lab.display.replay.log import BRIGHT_COLOURS, Iterations, RunLog
 from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import InputFileError
 from acp_lab.locks import only_writer
@@ -68,7 +68,7 @@ class Replay:
         self._sessions = self._sessions_left = sessions
         self._clock = RunningClock()
         self._scenes: list[tuple[str, int]] = []
-        self._objects: set[str] = set()
+        self._objects: list[int] = []
         self._recording: Any = None
         self._images: ImageWriter | None = None
         self._log: RunLog | None = None
@@ -178,7 +178,8 @@ class Replay:
             self._recording.log("/", rr.Clear(recursive=True))
         self._describe()
         assert self._images is not None
-        log = RunLog(self._recording, self._images, self._session, self.iterations)
+        colours = tuple(BRIGHT_COLOURS[n % len(BRIGHT_COLOURS)] for n in map(self._objects.index, self._ids()))
+        log = RunLog(self._recording, self._images, self._session, self.iterations, colours=colours)
         log.begin(start)
         return log
 
@@ -187,16 +188,20 @@ class Replay:
         import rerun as rr
 
         self._scenes.append((self._session.name, self._session.frame_count))
-        self._objects |= {object_name(tracked.object_id) for tracked in self._session.objects}
+        # Those that a later scene adds come last: an object keeps its colour through all scenes.
+        self._objects += [object_id for object_id in self._ids() if object_id not in self._objects]
         described = rr.AnyValues(
             scenes=[name for name, _ in self._scenes],
             frames=[count for _, count in self._scenes],
-            objects=sorted(self._objects),
+            objects=[object_name(object_id) for object_id in self._objects],
             centre=self._spot.centre,
             reach=[self._spot.reach],
         )
         self._recording.send_property(RUN_PROPERTY, described)
         self._recording.flush(timeout_sec=FLUSH_S)  # before any frame: else a killed run's file says nothing
+
+    def _ids(self) -> list[int]:
+        return sorted(tracked.object_id for tracked in self._session.objects)
 
     def _open(self) -> None:
         import rerun as rr

@@ -71,6 +71,8 @@ class FindPanel(ipywidgets.Box):
             self._tell(*_told_of(self.detections))
         finally:
             self._button.disabled = False
+        if self.comm is None:  # closed meanwhile: nobody would close the pictures
+            return self.detections
         before = self._pictures
         self._pictures = [self._picture(n, one) for n, one in enumerate(self.detections, start=1)]
         self.children = tuple(self._pictures)

@@ -8,6 +8,7 @@ import cv2
 import ipywidgets
 import numpy as np
 from numpy.typing import ArrayLike
+from traitlets import Bunch
 
 from acp_lab.display.look import GENERATED, POINTS, START
 from acp_lab.display.widgets.controls import row, side_by_side
@@ -100,8 +101,9 @@ class LossLandscape(Still, ipywidgets.VBox):
         self.anneal.layout.width = "auto"
         self.solver = ipywidgets.Dropdown(options=tuple(SOLVERS), description="solver", **look)
         self.space.observe(lambda _: self._change_space(), "value")
-        for control in (self.u, self.v, self.reach):
-            control.observe(lambda _: self._change_slice(), "value")
+        self.u.observe(lambda change: self._choose(change, self.v), "value")
+        self.v.observe(lambda change: self._choose(change, self.u), "value")
+        self.reach.observe(lambda _: self._slice_now(), "value")
         for control in (self.form, self.alpha):
             control.observe(lambda _: self._change_loss(), "value")
         for control in (self.anneal, self.solver):
@@ -123,8 +125,13 @@ class LossLandscape(Still, ipywidgets.VBox):
             dropdown.value = choice[name]
         self._slice_now()
 
-    def _change_slice(self) -> None:
-        if self._slice is not None and self.u.value is not None and self.v.value is not None:
+    def _choose(self, change: Bunch, other: ipywidgets.Dropdown) -> None:
+        """Another coordinate for one axis; what the other axis has is swapped, or a map would have one variable."""
+        if self._slice is None or change.new is None:
+            return
+        if other.value == change.new:
+            other.value = change.old  # which comes here again
+        else:
             self._slice_now()
 
     def _slice_now(self) -> None:

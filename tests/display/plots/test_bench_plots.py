@@ -34,3 +34,20 @@ def test_steps_are_whole_numbers() -> None:
     rows = table([made_run([0.01] * 9, variant=Variant(step)) for step in (1, 2, 4)])
     draw_against(axes, rows, "step", "one of n frames used", "")
     assert list(axes.get_xticks()) == [1, 2, 4]
+
+
+def test_starts_that_are_off_by_other_mm_stand_side_by_side() -> None:
+    """They were drawn above each other, and those that are off by mm alone were called no starts at all."""
+    for noises, names in (
+        ([(0.0, 0.0), (0.0, 5.0), (0.0, 10.0)], ["truth", "0°\n5 mm", "0°\n10 mm"]),
+        ([(5.0, 20.0), (0.0, 0.0), (5.0, 0.0)], ["truth", "5°\n0 mm", "5°\n20 mm"]),
+    ):
+        (axes,) = axes_of()
+        errors = {start: [0.01] * (9 - place) + [0.2] * place for place, start in enumerate(sorted(noises))}
+        runs = [made_run(errors[n], variant=Variant(1, *n)) for n in noises] + [made_run([0.9] * 9, variant=Variant(2))]
+        draw_against(axes, table(runs), "noise", "how far the start is off", "give --noise to see this")
+        assert [label.get_text() for label in axes.get_xticklabels()] == names
+        drawn = axes.lines[0].get_xydata()
+        assert drawn[:, 0].tolist() == [0.0, 1.0, 2.0]
+        assert drawn[:, 1] == pytest.approx([1.0, 8 / 9, 7 / 9])
+        assert not axes.texts

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.display.plots import summary
 from acp_lab.display.plots.summary import SummaryPicture
 from acp_lab.errors import InputFileError
-from tests.display.made_run import play
+from tests.display.made_run import frames, play, result
 
 
 @pytest.mark.parametrize(("object_ids", "with_truth"), [((1,), True), ((1, 2), False)])
@@ -24,6 +25,18 @@ def test_the_picture_is_written(tmp_path: Path, object_ids: tuple[int, ...], wit
     # Something was drawn: not one colour only.
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 50
     assert [file.name for file in path.parent.iterdir()] == ["summary.png"]
+
+
+def test_an_object_has_one_colour_in_frames_and_curves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of its place among the ids, whatever order the session has."""
+    shown, curves = [], []
+    monkeypatch.setattr(summary, "draw_frame", lambda axes, image, results, title: shown.append(results))
+    monkeypatch.setattr(summary, "draw_curves", lambda axes, objects: curves.extend(one.name for one in objects))
+    play([SummaryPicture(tmp_path / "summary.png", [0])], (2, 1))
+    first = next(iter(frames()))
+    assert curves == ["box (obj_000001)", "box (obj_000002)"]
+    quads = [result(first, object_id).control_points for object_id in (1, 2)]
+    np.testing.assert_array_equal([one.control_points for one in shown[0]], quads)
 
 
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
