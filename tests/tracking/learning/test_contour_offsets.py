@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -343,9 +344,9 @@ def test_what_was_measured_counts_less_the_farther_the_view_has_turned() -> None
         expected = offsets.expect(ids, outline, directions, np.full(len(ids), 0.4))
         moved.append(np.abs(expected.offsets_mm - before.offsets_mm))
         gone.append(expected.weights)
-    for earlier, later in zip(moved, moved[1:], strict=False):
+    for earlier, later in pairwise(moved):
         assert (later < earlier - 1e-4).all()
-    for earlier, later in zip(gone, gone[1:], strict=False):
+    for earlier, later in pairwise(gone):
         assert (later <= earlier).all()
     np.testing.assert_allclose(moved[-1], 0.0, atol=1e-3)
     # As if nothing had been measured; what traits would move of it is gone, too.
