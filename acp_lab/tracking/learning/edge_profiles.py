@@ -55,6 +55,8 @@ class ProfileConfig:
         spread_share: of the network's own spread that is taken for the scatter of an edge about its true place.
         break_share: of a part's edge break beyond the usual one, by which its outlines lie farther inside than their
             profiles tell.
+        outline_mm: where outlines of usual parts lie beside what their profiles tell, outward. Found on path-traced
+            sequences of two renderers; the network has learnt from pictures that are rasterised.
         evidence_share: how much of what an edge says of the part's traits is new, as neighbours err alike; 0 for a
             usual part, whatever the edges say. See `edge_traits`.
         trait_memory: share of what earlier frames told of the traits that is kept from frame to frame.
@@ -64,6 +66,7 @@ class ProfileConfig:
     largest_px: float = 1.5
     spread_share: float = 0.7
     break_share: float = 0.4
+    outline_mm: float = -0.03
     evidence_share: float = 0.04
     trait_memory: float = 0.7
 
@@ -74,6 +77,8 @@ class ProfileConfig:
                 raise TrackingError(f"learning.profiles.{name} = {value:g}: give a number above 0, at most 100")
         if not 0.0 <= self.break_share <= 10.0:
             raise TrackingError(f"learning.profiles.break_share = {self.break_share:g}: give 0 to 10")
+        if not abs(self.outline_mm) <= 10.0:
+            raise TrackingError(f"learning.profiles.outline_mm = {self.outline_mm:g}: give mm from -10 to 10")
         if not 0.0 <= self.evidence_share <= 1.0:
             raise TrackingError(f"learning.profiles.evidence_share = {self.evidence_share:g}: give 0 to 1")
         if not 0.0 <= self.trait_memory < 1.0:
@@ -81,7 +86,7 @@ class ProfileConfig:
 
     def expected_mm(self, edge_break_mm: float) -> float:
         """Where outlines are expected beside what their profiles tell, outward, before any was measured."""
-        return -self.break_share * (edge_break_mm - DEFAULT_EDGE_BREAK_MM)
+        return self.outline_mm - self.break_share * (edge_break_mm - DEFAULT_EDGE_BREAK_MM)
 
 
 @dataclass(frozen=True, eq=False)

@@ -337,7 +337,7 @@ def test_edges_of_the_sample_lie_nearer_to_the_cads() -> None:
 
 
 @pytest.mark.parametrize("setting", [
-        {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"evidence_share": 1.5},
+        {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"outline_mm": float("nan")}, {"evidence_share": 1.5},
         {"trait_memory": 1.0},
     ], ids=str)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
@@ -347,5 +347,5 @@ def test_settings_are_checked(setting: dict[str, float]) -> None:
 
 def test_the_usual_edge_break_is_what_profiles_tell() -> None:
     config = ProfileConfig()
-    assert config.expected_mm(0.25) == 0.0
-    assert config.expected_mm(0.4) < 0.0 < config.expected_mm(0.0)
+    assert config.expected_mm(0.25) == config.outline_mm
+    assert config.expected_mm(0.4) < config.outline_mm < config.expected_mm(0.0)
