@@ -1,11 +1,10 @@
 """Reading the triangles of a PLY, OBJ, STL or STEP file, and noticing when part of the file is missing.
 
 trimesh does the parsing. It raises many kinds of exceptions on damaged files and reads some cut-off files
-short without a word, so the counts that PLY and STL files promise are checked here. It fills concave polygons as if
-they were convex, so these are cut into triangles here. (An OBJ file promises
-nothing: cut off between two lines it is a smaller OBJ file, and only `Part.is_closed` can hint at it.) STEP
-goes through OpenCASCADE (the `cascadio` package) and comes back in metres, whatever unit the file names:
-here it becomes mm.
+short without a word, so the counts that PLY and STL files promise are checked here. (An OBJ file promises
+nothing: cut off between two lines it is a smaller OBJ file, and only `Part.is_closed` can hint at it.) It fills
+concave polygons as if they were convex, so these are cut into triangles here. STEP goes through OpenCASCADE (the
+`cascadio` package) and comes back in metres, whatever unit the file names: here it becomes mm.
 """
 
 from __future__ import annotations
