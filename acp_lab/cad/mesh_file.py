@@ -38,6 +38,7 @@ _ODD_LENGTH = "PLY is unexpected length!"
 LARGE_MESH = 100_000
 """Vertices from which on memory counts more than the time to tidy it up."""
 
+_STEP_UNIT_MM = 1000.0
 STEP_TOLERANCE_MM = 0.02
 STEP_TOLERANCE_RAD = 0.1
 """How finely curved STEP surfaces are cut. cascadio's own 0.5 rad leaves small holes with a dozen corners, up to
@@ -47,11 +48,15 @@ pair on a ball: 13 degrees)."""
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What a mesh file holds, uncleaned: vertices (n, 3) mm, faces (m, 3), and the SHA-256 of its bytes."""
+    """What a mesh file holds, uncleaned: vertices (n, 3) mm, faces (m, 3), and the SHA-256 of its bytes.
+
+    unit_mm: mm per unit of the numbers in the file.
+    """
 
     vertices: FloatArray
     faces: IntArray
     sha256: str
+    unit_mm: float = 1.0
 
 
 def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
@@ -70,16 +75,17 @@ def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
     data = read_bytes(path, "give a mesh file", "mesh file")
     if not data.strip(_BLANK):
         raise InputFileError(f"{path}: the file is empty: export the mesh again")
+    unit_mm = UNITS_MM[unit]
     if suffix in (".step", ".stp"):
-        vertices, faces = _read_step(data, path)
+        unit_mm, (vertices, faces) = _STEP_UNIT_MM, _read_step(data, path)
     else:
         plain = {".ply": _in_ascii, ".obj": _plain_obj, ".stl": _plain_stl}[suffix]
         vertices, faces = _parse(plain(data, path), suffix[1:], path)
         if suffix == ".ply":
             _check_ply(data, len(vertices), len(faces), path)
-        if unit != "mm":
-            vertices = UNITS_MM[unit] * vertices
-    return MeshFile(vertices, faces, hashlib.sha256(data).hexdigest())
+    if unit_mm != 1.0:
+        vertices = unit_mm * vertices
+    return MeshFile(vertices, faces, hashlib.sha256(data).hexdigest(), unit_mm)
 
 
 def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArray]:
@@ -169,8 +175,7 @@ def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
         glb = cascadio.load(data, file_type="step", tol_linear=STEP_TOLERANCE_MM, tol_angular=STEP_TOLERANCE_RAD)
     if not glb:
         raise InputFileError(f"{path}: OpenCASCADE cannot read this STEP file: export it again")
-    vertices, faces = _parse(glb, "glb", path)
-    return 1000.0 * vertices, faces
+    return _parse(glb, "glb", path)
 
 
 def _in_ascii(data: bytes, path: Path) -> bytes:
