@@ -2,9 +2,9 @@
 
 trimesh does the parsing. It raises many kinds of exceptions on damaged files and reads some cut-off files
 short without a word, so the counts that PLY and STL files promise are checked here. (An OBJ file promises
-nothing: cut off between two lines it is a smaller OBJ file, and only `Part.is_closed` can hint at it.) STEP
-goes through OpenCASCADE (the `cascadio` package) and comes back in metres, whatever unit the file names:
-here it becomes mm.
+nothing: cut off between two lines it is a smaller OBJ file, and only `Part.is_closed` can hint at it.) It fills
+concave polygons as if they were convex, so these are cut into triangles here. STEP goes through OpenCASCADE (the
+`cascadio` package) and comes back in metres, whatever unit the file names: here it becomes mm.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from acp_lab.cad.obj_text import BYTE_ORDER_MARK, plain_obj
+from acp_lab.cad.polygons import concave, ears
 from acp_lab.errors import InputFileError, PartError
 from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.input_file import read_bytes
@@ -30,9 +33,12 @@ SUFFIXES = (".ply", ".obj", ".stl", ".step", ".stp")
 
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
+_BLANK = b" \t\r\n\0"
+_ODD_LENGTH = "PLY is unexpected length!"
 LARGE_MESH = 100_000
 """Vertices from which on memory counts more than the time to tidy it up."""
 
+_STEP_UNIT_MM = 1000.0
 STEP_TOLERANCE_MM = 0.02
 STEP_TOLERANCE_RAD = 0.1
 """How finely curved STEP surfaces are cut. cascadio's own 0.5 rad leaves small holes with a dozen corners, up to
@@ -42,11 +48,15 @@ pair on a ball: 13 degrees)."""
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What a mesh file holds, uncleaned: vertices (n, 3) mm, faces (m, 3), and the SHA-256 of its bytes."""
+    """What a mesh file holds, uncleaned: vertices (n, 3) mm, faces (m, 3), and the SHA-256 of its bytes.
+
+    unit_mm: mm per unit of the numbers in the file.
+    """
 
     vertices: FloatArray
     faces: IntArray
     sha256: str
+    unit_mm: float = 1.0
 
 
 def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
@@ -63,21 +73,19 @@ def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
     if suffix not in SUFFIXES:
         raise InputFileError(f"{path}: unknown mesh type '{path.suffix}': give one of {', '.join(SUFFIXES)}")
     data = read_bytes(path, "give a mesh file", "mesh file")
-    if not data.strip(b" \t\r\n\0"):
+    if not data.strip(_BLANK):
         raise InputFileError(f"{path}: the file is empty: export the mesh again")
+    unit_mm = UNITS_MM[unit]
     if suffix in (".step", ".stp"):
-        vertices, faces = _read_step(data, path)
+        unit_mm, (vertices, faces) = _STEP_UNIT_MM, _read_step(data, path)
     else:
-        if suffix == ".stl":
-            _check_stl(data, path)
-        if suffix == ".obj":
-            _check_obj(data, path)
-        vertices, faces = _parse(_in_ascii(data) if suffix == ".ply" else data, suffix[1:], path)
+        plain = {".ply": _in_ascii, ".obj": _plain_obj, ".stl": _plain_stl}[suffix]
+        vertices, faces = _parse(plain(data, path), suffix[1:], path)
         if suffix == ".ply":
             _check_ply(data, len(vertices), len(faces), path)
-        if unit != "mm":
-            vertices = UNITS_MM[unit] * vertices
-    return MeshFile(vertices, faces, hashlib.sha256(data).hexdigest())
+    if unit_mm != 1.0:
+        vertices = unit_mm * vertices
+    return MeshFile(vertices, faces, hashlib.sha256(data).hexdigest(), unit_mm)
 
 
 def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArray]:
@@ -95,6 +103,8 @@ def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArra
             bodies = scene.dump()
     except Exception as error:  # trimesh raises whatever its parsers happen to meet
         reason = " ".join(str(error).split())[:100] or type(error).__name__
+        if _ODD_LENGTH in reason:
+            reason = "its length does not fit its header, or it has faces of several sizes"
         kind = file_type.upper()
         raise InputFileError(
             f"{path}: damaged, cut off or no {kind} file ({reason}): export it again, as triangles"
@@ -109,7 +119,10 @@ def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArra
             raise InputFileError(
                 f"{path}: a vertex has {points.shape[-1]} numbers, not x, y, z: export it again, as triangles"
             )
-        faces.append(np.array(getattr(body, "faces", []), dtype=np.int64).reshape(-1, 3) + count)
+        triangles = np.array(getattr(body, "faces", []), dtype=np.int64).reshape(-1, 3)
+        if file_type == "ply":
+            points, triangles = _with_polygons(body.metadata.get("_ply_raw", {}), points, triangles, path)
+        faces.append(triangles + count)
         vertices.append(points.reshape(-1, 3))
         count += len(points)
     if count > LARGE_MESH:
@@ -117,6 +130,34 @@ def _parse(data: bytes, file_type: str, path: Path) -> tuple[FloatArray, IntArra
         del scene, bodies
         gc.collect()
     return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _with_polygons(
+    raw: Mapping[str, Any], points: FloatArray, triangles: IntArray, path: Path
+) -> tuple[FloatArray, IntArray]:
+    """What was read of a PLY file, points (n, 3) and triangles (m, 3); made anew where a polygon is concave.
+
+    raw: the file's elements, as trimesh keeps them.
+    """
+    rows = raw.get("face", {}).get("data")
+    if not len(triangles) or rows is None:
+        return points, triangles
+    is_binary = isinstance(rows, np.ndarray)
+    names = rows.dtype.names if is_binary else tuple(rows)
+    name = next((name for name in names if name in ("vertex_index", "vertex_indices")), names[0])
+    polygons = rows[name]["f1"] if is_binary else rows[name]
+    corners = np.column_stack([raw["vertex"]["data"][axis] for axis in "xyz"]).astype(np.float64)
+    try:
+        hollow = set(concave(corners, polygons))
+    except IndexError:  # a vertex that is not there is told with those of the other formats
+        return points, triangles
+    if not hollow:
+        return points, triangles
+    cut = []
+    for place, polygon in enumerate(polygons):
+        fan = [[0, i, i + 1] for i in range(1, len(polygon) - 1)]
+        cut.append(polygon[ears(corners[polygon], str(path)) if place in hollow else np.array(fan, int).reshape(-1, 3)])
+    return corners, np.concatenate(cut).astype(np.int64)
 
 
 def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
@@ -134,11 +175,10 @@ def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
         glb = cascadio.load(data, file_type="step", tol_linear=STEP_TOLERANCE_MM, tol_angular=STEP_TOLERANCE_RAD)
     if not glb:
         raise InputFileError(f"{path}: OpenCASCADE cannot read this STEP file: export it again")
-    vertices, faces = _parse(glb, "glb", path)
-    return 1000.0 * vertices, faces
+    return _parse(glb, "glb", path)
 
 
-def _in_ascii(data: bytes) -> bytes:
+def _in_ascii(data: bytes, path: Path) -> bytes:
     """A PLY file with "?" for whatever is not ASCII in its header: comments in Latin-1 stop trimesh's parser."""
     header, end, body = data.partition(b"end_header")
     return header.decode("ascii", errors="replace").replace("\ufffd", "?").encode("ascii") + end + body
@@ -159,28 +199,34 @@ def _check_ply(data: bytes, vertex_count: int, face_count: int, path: Path) -> N
         )
 
 
-def _check_stl(data: bytes, path: Path) -> None:
-    """Binary: 84 bytes, then 50 per face. ASCII: every `facet` has its `endfacet`; an `endsolid` follows."""
-    # Some programs begin the header of binary files with "solid" too.
-    if data[:5].lower() == b"solid" and b"facet" in data[:1000].lower():
-        text = data.lower()
+def _plain_stl(data: bytes, path: Path) -> bytes:
+    """A whole STL file, without what stands around it.
+
+    Binary: 84 bytes, then 50 per face. ASCII: every `facet` has its `endfacet`; an `endsolid` follows.
+    """
+    faces = int.from_bytes(data[80:84], "little")
+    whole = 84 + 50 * faces
+    # Some programs begin the header of binary files with "solid" too, so lengths are asked first.
+    if len(data) >= whole and not data[whole:].strip(_BLANK):
+        return data[:whole]
+    text = data.removeprefix(BYTE_ORDER_MARK).lstrip()
+    if text[:5].lower() == b"solid" and b"facet" in text[:1000].lower():
         opened, closed, ends = (
-            len(re.findall(rb"^\s*" + word + rb"\b", text, re.MULTILINE))
+            len(re.findall(rb"^\s*" + word + rb"\b", text.lower(), re.MULTILINE))
             for word in (b"facet", b"endfacet", b"endsolid")
         )
         if opened != closed or ends == 0:
             raise InputFileError(f"{path}: cut off: ASCII STL stops after face {closed}: export it again")
-        return
-    faces = int.from_bytes(data[80:84], "little")
-    if len(data) != 84 + 50 * faces:
-        raise InputFileError(
-            f"{path}: cut off or no STL file: the header promises {faces} faces in {84 + 50 * faces} bytes, "
-            f"the file has {len(data)}: export it again"
-        )
+        return text
+    raise InputFileError(
+        f"{path}: cut off or no STL file: the header promises {faces} faces in {whole} bytes, "
+        f"the file has {len(data)}: export it again"
+    )
 
 
-def _check_obj(data: bytes, path: Path) -> None:
-    """The last line may be torn; whole lines that are missing leave no trace."""
+def _plain_obj(data: bytes, path: Path) -> bytes:
+    """See `plain_obj`. The last line may be torn; whole lines that are missing leave no trace."""
     words = data.rstrip().rpartition(b"\n")[2].split()
     if words and words[0] in (b"f", b"v") and len(words) < 4:
         raise InputFileError(f"{path}: cut off: the last line is '{words[0].decode()} …': export it again")
+    return plain_obj(data, str(path))

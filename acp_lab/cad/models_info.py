@@ -138,9 +138,14 @@ def _discrete(entry: dict[str, Any], where: str) -> FloatArray:
         raise InputFileError(message) from None
     rotations = transforms[:, :3, :3]
     off = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
+    # Column by column, the shift would stand in the last row.
+    off_below = np.abs(transforms[:, 3] - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0)
+    is_finite = (np.abs(transforms) <= LARGEST_NUMBER).all()
     # Written as "not small" so that NaN is refused too.
-    if not (off < 1e-2 and (np.abs(transforms) <= LARGEST_NUMBER).all() and (np.linalg.det(rotations) > 0.0).all()):
-        raise InputFileError(f"{where}: symmetries_discrete holds no rigid transform: give 4x4, row by row")
+    if not (off < 1e-2 and off_below < 1e-6 and is_finite and (np.linalg.det(rotations) > 0.0).all()):
+        raise InputFileError(
+            f"{where}: symmetries_discrete holds no rigid transform: give 4x4, row by row, the last one 0, 0, 0, 1"
+        )
     return transforms
 
 

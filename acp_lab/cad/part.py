@@ -2,9 +2,9 @@
 
 Everything later in the package asks a `Part` for its geometry, so the mesh is cleaned once, here: duplicate
 vertices are merged (an STL file has three of its own for every face; faces share edges only after merging),
-faces without area are dropped, and the arrays are plain and read-only. Face winding is kept as it is in the
-file, except that a closed mesh that is turned inside out is turned back, so that normals point out of the
-metal.
+faces without area and second copies of a face are dropped, and the arrays are plain and read-only. Face winding
+is kept as it is in the file, except that closed bodies that are turned inside out are turned back, so that
+normals point out of the metal.
 
 Units: nothing in a PLY, OBJ or STL file says them. A size that smells of metres or inches is an error, not
 a guess.
@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from acp_lab.cad.bodies import is_closed, turned_out
 from acp_lab.cad.mesh_file import read_mesh_file
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.errors import PartError
@@ -35,6 +36,8 @@ MOST_FACES = 2_000_000
 """Of a mesh file: they take some 2 GB and half a minute, and no camera sees so fine."""
 DIAMETER_TOLERANCE = 0.02
 """Between models_info.json and the mesh: more than any re-meshing, less than any other part."""
+COARSEST = 1e-4
+"""Of the part's size: what its numbers tell apart. Beyond it, fillets lose their shape to rounding."""
 _UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
 
 
@@ -92,7 +95,7 @@ class Part:
     @cached_property
     def is_closed(self) -> bool:
         """Whether the mesh is watertight and wound consistently; an open one may come from a damaged file."""
-        return _is_closed(self.faces)
+        return is_closed(self.faces)
 
     @classmethod
     def from_file(cls, path: str | Path, info: PartInfo | None = None, unit: str = "mm") -> Part:
@@ -104,7 +107,7 @@ class Part:
         """
         path = Path(path)
         raw = read_mesh_file(path, unit)
-        vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path))
+        vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path), raw.unit_mm)
         diameter = largest_distance(vertices)
         if info is not None:
             _check_against_info(diameter, info, path, unit)
@@ -134,12 +137,15 @@ def box_corners(part: Part) -> FloatArray:
     return part.box_min + bits * part.box_size
 
 
-def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[FloatArray, IntArray]:
-    """Merge duplicate vertices, drop faces without area, turn a closed mesh that is inside out back.
+def clean_mesh(
+    vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float = 1.0
+) -> tuple[FloatArray, IntArray]:
+    """Merge duplicate vertices, drop faces without area and second copies, turn closed bodies that are inside out.
 
     vertices (n, 3) mm, faces (m, 3); both keep their order and come back read-only. Two vertices are one
-    when they are nearer than float32 coordinates (all that STL and most PLY files store) can tell apart, or
-    than 1e-6 of the size. Raises PartError, whose message begins with `where`.
+    when they are nearer than their numbers can tell apart, or than 1e-6 of the size. The numbers are taken for
+    float32 (all that STL and most PLY files store) where each is one, in the file's unit of unit_mm.
+    Raises PartError, whose message begins with `where`.
     """
     points, corners = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
     if corners.size == 0:
@@ -156,12 +162,16 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str) -> tuple[Float
     if not usable.all():
         bad = points[~usable][0].tolist()
         raise PartError(f"{where}: a vertex is {bad}, which is no point: export the mesh again")
-    resolution = 4.0 * float(np.finfo(np.float32).eps) * float(np.abs(points).max())
-    tolerance = max(1e-6 * float(np.ptp(points, axis=0).max()), resolution)
+    size, resolution = float(np.ptp(points, axis=0).max()), _resolution(points, unit_mm)
+    if resolution > COARSEST * size > 0.0:
+        raise PartError(
+            f"{where}: is {size:.3g} mm large but has coordinates up to {np.abs(points).max():.3g} mm, where its "
+            f"float32 numbers are rounded to {resolution:.1g} mm: put the CAD origin near the part"
+        )
+    tolerance = max(1e-6 * size, resolution)
     points, corners = _merged(points, corners, tolerance)
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    if _is_closed(corners) and _volume(points, corners) < 0.0:
-        corners = corners[:, ::-1]
+    corners = turned_out(points, _without_copies(corners))
     # A face without height has no normal. It goes only now because dropping it can open a closed mesh.
     a, b, c = points[corners].transpose(1, 0, 2)
     longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
@@ -203,18 +213,23 @@ def _merged(vertices: FloatArray, faces: IntArray, tolerance: float) -> tuple[Fl
     return vertices[np.sort(first)], rank[group][faces]
 
 
-def _is_closed(faces: IntArray) -> bool:
-    """Whether every edge is run as often one way as the other: watertight and consistently wound."""
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    edge = np.minimum(start, end) * (faces.max(initial=0) + 1) + np.maximum(start, end)
-    _, group = np.unique(edge, return_inverse=True)
-    return len(faces) > 0 and not np.bincount(group, weights=np.sign(end - start)).any()
+def _resolution(points: FloatArray, unit_mm: float) -> float:
+    """Four steps, mm, of the float32 or float64 numbers that points (n, 3) mm have been in units of unit_mm."""
+    stored = points / unit_mm
+    step = float(np.finfo(np.float32).eps)
+    # Not "equal": the unit was multiplied in and is divided out.
+    is_single = (np.abs(stored - stored.astype(np.float32)) <= 1e-6 * step * np.abs(stored)).all()
+    return 4.0 * (step if is_single else float(np.finfo(np.float64).eps)) * float(np.abs(points).max())
 
 
-def _volume(vertices: FloatArray, faces: IntArray) -> float:
-    """Signed volume of a closed mesh, mm³: positive when the normals point out."""
-    a, b, c = (vertices[faces] - vertices.mean(axis=0)).transpose(1, 0, 2)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+def _without_copies(faces: IntArray) -> IntArray:
+    """The first of all faces (m, 3) that run around the same vertices the same way."""
+    first = faces.argmin(axis=1)[:, None]
+    around = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    order = np.lexsort(around.T)
+    is_copy = np.zeros(len(faces), dtype=bool)
+    is_copy[order[1:]] = (np.diff(around[order], axis=0) == 0).all(axis=1)
+    return faces[~is_copy] if is_copy.any() else faces
 
 
 def largest_distance(points: FloatArray) -> float:

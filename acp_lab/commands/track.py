@@ -114,7 +114,10 @@ class TrackOptions:
                 raise InputFileError(f"{path}: {option} would overwrite an input: choose another file")
             if not _is_writable(path):
                 raise InputFileError(f"{path}: {option} cannot be written there: choose another place")
-        written = {self.out.resolve(), run_info_path(self.out).resolve()}
+        info = run_info_path(self.out)
+        if any(info.resolve() == other.resolve() for other in inputs):
+            raise InputFileError(f"{info}: the run information of --out would overwrite an input: choose another name")
+        written = {self.out.resolve(), info.resolve()}
         if self.replay is not None and self.replay.resolve() in written:
             raise InputFileError(f"{self.replay}: --replay and --out are the same file: choose two")
         if self.resume and self.replay is not None and self.replay.exists():
@@ -122,7 +125,7 @@ class TrackOptions:
                 f"{self.replay}: holds the frames before, and --resume would replace it: give --replay another name"
             )
         check_replaces_own(self.out, HEADER_START, "--out", "results")
-        check_replaces_own(run_info_path(self.out), b"{", "--out", "run information")
+        check_replaces_own(info, b"{", "--out", "run information")
         if self.replay is not None:
             check_replaces_own(self.replay, b"RRF", "--replay", "a replay")
 

@@ -29,6 +29,8 @@ SMALLEST_FOCAL, LARGEST_FOCAL = 0.05, 1000.0
 """In longer sides of the image: fields of view from 169 degrees down to 0.06 degrees."""
 FARTHEST_CENTRE = 10.0
 """The principal point, in longer sides of the image: a crop may leave it outside, but not that far."""
+_OUTSIDE = -2
+"""A pixel (x, y) whose neighbours, which are mixed with it, lie outside the image, too."""
 LARGEST_DISTORTION = 1e4
 """A lens of long focal length may have a k3 of some hundreds; no lens has this."""
 _VIEW_EXAMPLE = '{"width": 640, "height": 480, "hfov_deg": 60}'
@@ -213,7 +215,7 @@ class Undistorter:
     """Removes a camera's lens distortion from images, keeping its matrix K.
 
     The result belongs to `camera.pinhole()`. Without distortion the image itself is returned.
-    Pixels that the lens never saw become black.
+    Pixels that the lens never saw become black, also where its distortion formula would lead back into the image.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -236,9 +238,26 @@ class Undistorter:
 def _undistortion_maps(camera: Camera) -> tuple[Any, Any]:
     """cv2's fixed-point remap tables; a few are cached because a sequence may have two or three cameras."""
     size = (camera.width, camera.height)
-    return cv2.initUndistortRectifyMap(
+    pixels, fractions = cv2.initUndistortRectifyMap(
         camera.matrix, np.asarray(camera.dist), np.eye(3), camera.matrix, size, cv2.CV_16SC2
     )
+    x, y = (np.arange(camera.width) - camera.cx) / camera.fx, (np.arange(camera.height) - camera.cy) / camera.fy
+    squares = x**2 + y[:, None] ** 2
+    unseen = squares >= _fold(camera.dist, float(squares.max()))
+    pixels[unseen], fractions[unseen] = _OUTSIDE, 0
+    return pixels, fractions
+
+
+def _fold(dist: tuple[float, ...], farthest: float) -> float:
+    """The square of the radius, at depth 1, from which on the distortion leads back into the image; inf if none.
+
+    The lens shows the radius r at r (1 + k1 r^2 + k2 r^4 + k3 r^6). Where that stops growing the formula ends: the
+    image holds nothing of what lies farther out. farthest: the square up to which that counts.
+    """
+    k1, k2, _, _, k3 = dist
+    squares = np.linspace(0.0, farthest, 4096)
+    slopes = 1.0 + squares * (3.0 * k1 + squares * (5.0 * k2 + squares * 7.0 * k3))
+    return float(squares[slopes <= 0.0].min(initial=math.inf))
 
 
 def check_plausible(camera: Camera, where: str) -> None:

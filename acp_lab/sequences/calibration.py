@@ -84,8 +84,9 @@ class Chessboard:
 class CharucoBoard:
     """columns x rows of *squares* of square_mm with markers of marker_mm; parts of it are enough.
 
-    dictionary: one of DICTIONARIES. Raises InputFileError for markers that do not fit into the squares or the
-    dictionary.
+    Boards with an even number of rows exist in two layouts, as OpenCV changed its own with version 4.6; the first
+    picture that shows the board tells which it is. dictionary: one of DICTIONARIES. Raises InputFileError for markers
+    that do not fit into the squares or the dictionary.
     """
 
     def __init__(self, columns: int, rows: int, square_mm: float, marker_mm: float, dictionary: str) -> None:
@@ -98,12 +99,24 @@ class CharucoBoard:
                 "another dictionary"
             )
         self.board = cv2.aruco.CharucoBoard((columns, rows), square_mm, marker_mm, markers)
-        self._detector = cv2.aruco.CharucoDetector(self.board)
+        layouts = [self.board]
+        if rows % 2 == 0:
+            layouts.append(cv2.aruco.CharucoBoard((columns, rows), square_mm, marker_mm, markers))
+            layouts[1].setLegacyPattern(True)
+        self._detectors = [cv2.aruco.CharucoDetector(layout) for layout in layouts]
 
     def find(self, image: ByteImage) -> BoardView | None:
         """See `Board`."""
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        corners, ids, _, _ = self._detector.detectBoard(grey)
+        for detector in self._detectors:
+            view = self._found(detector, grey)
+            if view is not None:
+                self._detectors = [detector]
+                return view
+        return None
+
+    def _found(self, detector: cv2.aruco.CharucoDetector, grey: np.ndarray) -> BoardView | None:
+        corners, ids, _, _ = detector.detectBoard(grey)
         if ids is None or len(ids) < _MIN_CORNERS:
             return None
         points, pixels = self.board.matchImagePoints(corners, ids)  # type: ignore[call-overload]

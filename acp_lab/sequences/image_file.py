@@ -2,7 +2,7 @@
 
 Convention: the result is (h, w, 3) uint8 RGB. Grey images get three equal channels, transparency is dropped,
 16-bit images are scaled to 8 bits, from the range that `PixelCoding` tells or else the full one. Rotation notes of
-cameras (EXIF) are not obeyed: a calibration belongs to the pixels as they are stored.
+cameras (EXIF, and the one of TIFF) are not obeyed: a calibration belongs to the pixels as they are stored.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from acp_lab.errors import InputFileError
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.input_file import read_bytes
 from acp_lab.quiet import native_output_silenced
-from acp_lab.sequences.image_header import JPEG_START, PNG_START, is_progressive, pixel_size
+from acp_lab.sequences.image_header import JPEG_START, PNG_START, is_progressive, pixel_size, upright
 from acp_lab.sequences.pixel_coding import PixelCoding
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -43,7 +43,7 @@ def read_rgb(path: Path, coding: PixelCoding = _UNTOLD) -> ByteImage:
     pixels = None
     if damage is None:
         with quiet_cv2():
-            pixels = _decode(data)
+            pixels = _decode(upright(data))
     if pixels is not None and data.startswith(JPEG_START) and _is_jpeg_short(data, pixels):
         damage, pixels = "JPEG is cut short (its end was put back)", None
     if pixels is None:

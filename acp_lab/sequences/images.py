@@ -36,6 +36,8 @@ _FAILURES_IN_A_ROW = 30
 _LARGEST_DEVICE = 2**31 - 1
 _UNCOUNTED = 2
 """Frames by which the headers of sound videos are off."""
+_UNDECODED = -1
+"""Of cv2.CAP_PROP_FORMAT: packets as they are in the file."""
 
 
 class _OwnImages(ABC):
@@ -133,8 +135,9 @@ class ImageFolder(_OwnImages):
 class VideoFile(_OwnImages):
     """The frames of a video file, turned upright where its header says so.
 
-    frame_ids: as many as the header announces, which is exact for most files and a guess for some.
-    A file that ends well before that is cut short: its last frame is an UnreadableFrame that says so.
+    frame_ids: as many as the file holds; what headers announce is a guess in some kinds of files.
+    A file that ends well before its header says, in frames and in time, is cut short: its last frame is an
+    UnreadableFrame that says so.
     Raises InputFileError for a file that is missing, no video, or not of the camera's size.
     """
 
@@ -147,8 +150,8 @@ class VideoFile(_OwnImages):
             found, image = video.read()
             if not found:
                 raise InputFileError(f"{self.path}: cannot be decoded as a video: convert it, as to H.264")
-            # Streams without an index announce nothing, or a negative number.
-            self.frame_ids = tuple(range(max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))))
+        held, self._promised = _frame_counts(self.path)
+        self.frame_ids = tuple(range(held + (self._promised > held)))
         self._check_first(np.asarray(image, np.uint8), str(self.path))
 
     def _read(self) -> Iterator[Frame | UnreadableFrame]:
@@ -162,10 +165,9 @@ class VideoFile(_OwnImages):
                 time_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
                 yield self._frame(index, _rgb(image), str(self.path), time_s)
                 index += 1
-        announced = len(self.frame_ids)
-        if index + _UNCOUNTED < announced:
+        if index + _UNCOUNTED < self._promised:
             yield self._unreadable(
-                index, f"{self.path}: ends after {index} of the {announced} frames that its header announces"
+                index, f"{self.path}: ends after {index} of the {self._promised} frames that its header announces"
             )
 
 
@@ -265,14 +267,36 @@ def _check_video_file(path: Path) -> None:
 
 
 @contextmanager
-def _capture(source: str | int, backend: int) -> Iterator[cv2.VideoCapture]:
+def _capture(source: str | int, backend: int, *how: tuple[int, ...]) -> Iterator[cv2.VideoCapture]:
     """An opened cv2 capture that is released whatever happens, and that keeps its libraries off stderr."""
     with quiet_cv2():
-        capture = cv2.VideoCapture(source, backend)  # type: ignore[call-overload]
+        capture = cv2.VideoCapture(source, backend, *how)  # type: ignore[call-overload]
     try:
         yield capture
     finally:
         capture.release()
+
+
+def _frame_counts(path: Path) -> tuple[int, int]:
+    """How many frames a video holds, and how many it should: more only where it is cut short.
+
+    Some containers, such as Matroska, announce no number; OpenCV makes one up from the duration, as if frames came at
+    equal times. So the packets are counted, which are not decoded for it, and their times have a say: a film that
+    lasts as long as announced is whole.
+    """
+    with _capture(str(path), cv2.CAP_FFMPEG) as video:
+        # Streams without an index announce nothing, or a negative number.
+        announced, fps = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT))), video.get(cv2.CAP_PROP_FPS)
+    times_s: list[float] = []
+    with _capture(str(path), cv2.CAP_FFMPEG, (cv2.CAP_PROP_FORMAT, _UNDECODED)) as packets:
+        while packets.grab():
+            times_s.append(packets.get(cv2.CAP_PROP_POS_MSEC) / 1000.0)
+    if not times_s or not fps > 0.0:
+        return announced, announced
+    longest_s = float(np.diff(np.sort(times_s)).max(initial=1.0 / fps))
+    missing_s = announced / fps - max(times_s)
+    is_cut = len(times_s) + _UNCOUNTED < announced and missing_s > (1 + _UNCOUNTED) * longest_s
+    return len(times_s), announced if is_cut else min(len(times_s), announced or len(times_s))
 
 
 def _check_frame_size(video: cv2.VideoCapture, path: Path) -> None:

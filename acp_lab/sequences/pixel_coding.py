@@ -38,7 +38,7 @@ _LEAST_DIFFERENCE = 0.03
 
 @dataclass(frozen=True)
 class PixelCoding:
-    """bits: the real range of 16-bit files, 9 to 16; bayer: a key of BAYER_CODES. None: nobody said.
+    """bits: the real range of 16-bit files, 8 to 16; bayer: a key of BAYER_CODES. None: nobody said.
 
     Raises InputFileError for other values.
     """

@@ -117,15 +117,21 @@ def test_take_keeps_the_order_asked_for() -> None:
     assert not facing(BRACKET_EDGES.take(np.zeros(0, np.intp)), np.ones(3)).shows.any()
 
 
-def test_flat_and_doubled_meshes_are_refused() -> None:
+def test_flat_meshes_and_those_with_a_lining_are_refused() -> None:
     with pytest.raises(PartError, match=r"sheet: all faces lie in one plane; export"):
         sample_edges(sheet())
     part = box()
-    doubled = Part.from_mesh(
-        np.tile(part.vertices, (2, 1)), np.concatenate([part.faces, part.faces + len(part.vertices)]), "twice"
-    )
-    with pytest.raises(PartError, match="twice: the mesh has no edges to track"):
-        sample_edges(doubled)
+    lined = Part.from_mesh(part.vertices, np.concatenate([part.faces, part.faces[:, ::-1]]), "lined")
+    with pytest.raises(PartError, match="lined: the mesh has no edges to track"):
+        sample_edges(lined)
+
+
+def test_a_part_that_a_file_holds_twice_has_its_edges_once() -> None:
+    part = box()
+    vertices, faces = np.tile(part.vertices, (2, 1)), np.concatenate([part.faces, part.faces + len(part.vertices)])
+    edges, once = sample_edges(Part.from_mesh(vertices, faces, "twice")), sample_edges(part)
+    np.testing.assert_array_equal(edges.points_obj, once.points_obj)
+    np.testing.assert_array_equal(edges.normals_obj, once.normals_obj)
 
 
 # ---- which samples face an eye -------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import struct
 import sys
 from pathlib import Path
 
@@ -227,3 +228,145 @@ def test_a_mesh_of_too_many_faces_is_refused(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.setattr("acp_lab.cad.part.MOST_FACES", 11)
     with pytest.raises(PartError, match=r"part\.ply: has 12 faces, 11 is the most"):
         Part.from_file(_written(tmp_path / "part.ply", "binary.ply"))
+
+
+def _channel() -> tuple[np.ndarray, list[list[int]]]:
+    """A U-channel of 60 x 40 x 30 mm in polygons: two concave caps of eight corners, and eight walls."""
+    profile = np.array([[0, 0], [60, 0], [60, 40], [50, 40], [50, 10], [10, 10], [10, 40], [0, 40]], dtype=float)
+    vertices = np.vstack([np.column_stack([profile, np.full(8, height)]) for height in (0.0, 30.0)])
+    walls = [[i, (i + 1) % 8, (i + 1) % 8 + 8, i + 8] for i in range(8)]
+    return vertices, [[*range(7, -1, -1)], [*range(8, 16)], *walls]
+
+
+def _obj(vertices: np.ndarray, faces: list[list[int]], corner: str = "{}") -> str:
+    lines = ["v {:g} {:g} {:g}".format(*vertex) for vertex in vertices]
+    return "\n".join([*lines, *("f " + " ".join(corner.format(i + 1) for i in face) for face in faces)]) + "\n"
+
+
+def _ply(vertices: np.ndarray, faces: list[list[int]], kind: str = "ascii") -> bytes:
+    header = f"ply\nformat {kind} 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\n"
+    header += f"property float z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    if kind == "ascii":
+        lines = ["{:g} {:g} {:g}".format(*vertex) for vertex in vertices]
+        lines += [" ".join(map(str, [len(face), *face])) for face in faces]
+        return (header + "\n".join(lines) + "\n").encode()
+    rows = b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+    return header.encode() + vertices.astype("<f4").tobytes() + rows
+
+
+@pytest.mark.parametrize("name", ["plain.obj", "normals.obj", "ascii.ply"])
+def test_concave_polygons_are_filled(name: str, tmp_path: Path) -> None:
+    vertices, faces = _channel()
+    path = tmp_path / name
+    if name.endswith(".ply"):
+        path.write_bytes(_ply(vertices, faces))
+    else:
+        normals = "vn 0 0 1\n" if name == "normals.obj" else ""
+        path.write_text(normals + _obj(vertices, faces, "{}//1" if normals else "{}"))
+    part = Part.from_file(path)
+    assert part.is_closed
+    assert len(part.faces) == 28
+    a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    assert areas.sum() == pytest.approx(2 * (60 * 40 - 40 * 30) + 30 * (200 + 60))
+    on_caps = np.abs(part.face_normals[:, 2]) > 0.5
+    assert areas[on_caps].sum() == pytest.approx(2 * 1200)
+
+
+def test_binary_polygons_of_one_size_are_filled(tmp_path: Path) -> None:
+    vertices, faces = _channel()
+    path = tmp_path / "cap.ply"
+    path.write_bytes(_ply(vertices, faces[:2], "binary_little_endian"))
+    mesh = read_mesh_file(path)
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    assert 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() == pytest.approx(2 * 1200)
+
+
+def test_binary_polygons_of_several_sizes_are_refused_for_that_reason(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.ply"
+    path.write_bytes(_ply(*_channel(), "binary_little_endian"))
+    with pytest.raises(InputFileError, match=r"mixed\.ply: .*faces of several sizes\): export it again, as triangles"):
+        Part.from_file(path)
+
+
+@pytest.mark.parametrize("name", ["crossed.obj", "crossed.ply"])
+def test_a_face_that_crosses_itself_is_refused(name: str, tmp_path: Path) -> None:
+    vertices = np.array([[0, 0, 0], [40, 20, 0], [40, 0, 0], [0, 21, 0], [-5, 10, 0]], dtype=float)
+    path = tmp_path / name
+    text = _obj(vertices, [[0, 1, 2, 3, 4]]).encode() if name.endswith(".obj") else _ply(vertices, [[0, 1, 2, 3, 4]])
+    path.write_bytes(text)
+    with pytest.raises(InputFileError, match=f"{name}: a face of 5 corners crosses itself: export it as triangles"):
+        Part.from_file(path)
+
+
+def test_a_polygon_of_a_ply_file_may_name_no_vertex(tmp_path: Path) -> None:
+    path = tmp_path / "part.ply"
+    path.write_bytes(_ply(np.eye(3) * 9.0, [[0, 1, 2], [0, 1, 2, 7]]))
+    with pytest.raises(AcpLabError, match=r"part\.ply: a face names vertex 7 of 3"):
+        Part.from_file(path)
+
+
+def _two_bodies_counted_backwards() -> str:
+    text = ""
+    for shift in (0.0, 60.0):
+        mesh = box()
+        text += "".join(f"v {x + shift:g} {y:g} {z:g}\nvt 0 0\n" for x, y, z in mesh.vertices)
+        text += "".join("f " + " ".join(f"{i - 8}/{i - 8}" for i in face) + "\n" for face in mesh.faces)
+    return text
+
+
+def test_an_obj_may_count_its_vertices_backwards(tmp_path: Path) -> None:
+    path = tmp_path / "two.obj"
+    path.write_text(_two_bodies_counted_backwards())
+    part = Part.from_file(path)
+    assert part.vertices.shape == (16, 3)
+    assert part.faces.shape == (24, 3)
+    assert part.is_closed
+    np.testing.assert_allclose(part.box_size, [100.0, 20.0, 10.0])
+
+
+def test_an_obj_that_counts_back_too_far(tmp_path: Path) -> None:
+    path = tmp_path / "part.obj"
+    path.write_text("v 0 0 0\nv 9 0 0\nf -1 -2 -3\nv 9 9 0\n")
+    with pytest.raises(InputFileError, match=r"part\.obj: a face names vertex -3, but 2 stand before it"):
+        Part.from_file(path)
+
+
+def _stl(text: str) -> bytes:
+    return FILES["ascii.stl"].replace(b"solid", text.encode(), 1)
+
+
+BINARY_STL = FILES["binary.stl"]
+OBJ = FILES["ascii.obj"]
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("tabs.obj", OBJ.replace(b" ", b"\t")),
+        ("indented.obj", OBJ.replace(b"\n", b"\n  ")),
+        ("remarks.obj", OBJ.replace(b"\n", b" # a remark\n")),
+        ("marked.obj", b"\xef\xbb\xbf" + OBJ[OBJ.index(b"v ") :]),
+        ("old_mac.obj", OBJ.replace(b"\n", b"\r")),
+        ("folder.obj", b"# C:\\parts\\\n" + OBJ[OBJ.index(b"v ") :]),
+        ("blank_line.stl", _stl("\n solid")),
+        ("marked.stl", _stl("\ufeffsolid")),
+        ("named_solid.stl", b"solid made by a facet tool".ljust(80) + BINARY_STL[80:]),
+        ("one_more.stl", BINARY_STL + b"\n"),
+        ("zeros_more.stl", BINARY_STL + bytes(100)),
+    ],
+)
+def test_legal_files_that_are_unusual(name: str, data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(data)
+    part = Part.from_file(path)
+    assert part.vertices.shape == (8, 3)
+    assert part.faces.shape == (12, 3)
+    assert part.is_closed
+
+
+def test_a_binary_stl_with_more_than_it_promises_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "more.stl"
+    path.write_bytes(BINARY_STL + b"\1" * 50)
+    with pytest.raises(InputFileError, match=r"more\.stl: cut off or no STL file"):
+        Part.from_file(path)

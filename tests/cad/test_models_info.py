@@ -73,6 +73,8 @@ def test_entries_are_read(tmp_path: Path) -> None:
         ({"1": {key: ENTRY[key] for key in ENTRY if key != "min_z"}}, "object 1: min_z is missing"),
         ({"1": {**ENTRY, "symmetries_discrete": [[1, 2]]}}, "symmetries_discrete must be"),
         ({"1": {**ENTRY, "symmetries_discrete": [[2 * v for v in HALF_TURN]]}}, "no rigid transform"),
+        ({"1": {**ENTRY, "symmetries_discrete": [[*HALF_TURN[:12], 10, 20, 30, 1]]}}, "the last one 0, 0, 0"),
+        ({"1": {**ENTRY, "symmetries_discrete": [[*HALF_TURN[:15], 0]]}}, "no rigid transform"),
         ({"1": {**ENTRY, "symmetries_discrete": [[float("nan"), *HALF_TURN[1:]]]}}, "no rigid transform"),
         ({"1": {**ENTRY, "symmetries_continuous": {"axis": [0, 0, 1]}}}, "symmetries_continuous must be"),
         ({"1": {**ENTRY, "symmetries_continuous": [{"axis": [0, 0, 1]}]}}, "symmetries_continuous must be"),

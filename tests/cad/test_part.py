@@ -14,8 +14,10 @@ from meshes import box, bushing
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import cdist
 
-from acp_lab.cad.part import Part, PartInfo, Symmetries, largest_distance, read_models_info
+from acp_lab.cad.edges import sample_edges
+from acp_lab.cad.part import Part, PartInfo, Symmetries, clean_mesh, largest_distance, read_models_info
 from acp_lab.errors import PartError
+from acp_lab.sample import sample_dataset
 
 
 def _soup(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +49,8 @@ def test_vertices_apart_by_float32_rounding_are_one(seed: int, away: float) -> N
     vertices, faces = _soup(box())
     vertices = vertices + away
     rounding = np.random.default_rng(seed).uniform(-1.0, 1.0, vertices.shape)
-    part = Part.from_mesh(vertices + rounding * np.spacing(np.float32(away + 20)), faces, "box")
+    vertices = (vertices + rounding * np.spacing(np.float32(away + 20))).astype(np.float32)
+    part = Part.from_mesh(vertices, faces, "box")
     assert part.vertices.shape == (8, 3)
     assert part.is_closed
 
@@ -90,6 +93,96 @@ def test_a_cavity_keeps_its_inward_winding() -> None:
     part = Part.from_mesh(np.vstack([outer.vertices, inner.vertices]), faces, "hollow")
     np.testing.assert_array_equal(part.faces, faces)
     assert part.is_closed
+
+
+def _joined(*bodies: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Several meshes as one."""
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in bodies)])
+    faces = [faces + start for (_, faces), start in zip(bodies, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in bodies]), np.concatenate(faces)
+
+
+def _box_at(x: float, size: tuple[float, float, float], is_inverted: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    mesh = box(size)
+    return mesh.vertices + np.array([x, 0.0, 0.0]), mesh.faces[:, ::-1] if is_inverted else np.array(mesh.faces)
+
+
+BIG, SMALL, TINY = (40.0, 20.0, 10.0), (20.0, 10.0, 5.0), (8.0, 4.0, 2.0)
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_one_body_that_is_inside_out_among_several_is_turned(is_open: bool) -> None:
+    vertices, faces = _joined(_box_at(0.0, BIG), _box_at(60.0, SMALL, True), _box_at(-60.0, SMALL, True))
+    right = _joined(_box_at(0.0, BIG), _box_at(60.0, SMALL), _box_at(-60.0, SMALL))[1]
+    if is_open:  # the last one lacks a side, and nothing says which way its normals should point
+        faces, right = faces[:-2], np.concatenate([right[:-12], faces[-12:-2]])
+    part = Part.from_mesh(vertices, faces, "three")
+    np.testing.assert_array_equal(np.sort(part.faces, axis=1), np.sort(right, axis=1))
+    np.testing.assert_allclose(part.face_normals, Part.from_mesh(vertices, right, "three").face_normals)
+
+
+def test_a_hollow_body_is_turned_with_its_cavity_and_what_is_beside_it_is_not() -> None:
+    right = _joined(_box_at(0.0, BIG), _box_at(0.0, SMALL, True), _box_at(60.0, BIG))
+    wrong = _joined(_box_at(0.0, BIG, True), _box_at(0.0, SMALL), _box_at(60.0, BIG))
+    part = Part.from_mesh(*wrong, "hollow")
+    np.testing.assert_allclose(part.face_normals, Part.from_mesh(*right, "hollow").face_normals)
+
+
+def test_a_body_in_the_recess_of_another_is_not_inside_it() -> None:
+    """Though its box lies within the other's."""
+    profile = [[8.0, 0.0], [20.0, 0.0], [20.0, 30.0], [8.0, 30.0], [8.0, 0.0]]
+    tube = trimesh.creation.revolve(np.array(profile), sections=24)
+    middle = np.array([0.0, 0.0, 15.0])
+    vertices, faces = _box_at(0.0, (4.0, 4.0, 10.0), True)
+    pair = _joined((np.array(tube.vertices), np.array(tube.faces)), (vertices + middle, faces))
+    part = Part.from_mesh(*pair, "pin")
+    centres = part.vertices[part.faces[-12:]].mean(axis=1) - middle
+    assert (np.einsum("ij,ij->i", part.face_normals[-12:], centres) > 0.0).all()
+
+
+def test_a_body_inside_a_cavity_keeps_its_winding() -> None:
+    vertices, faces = _joined(_box_at(0.0, BIG), _box_at(0.0, SMALL, True), _box_at(0.0, TINY))
+    np.testing.assert_array_equal(Part.from_mesh(vertices, faces, "rattle").faces, faces)
+
+
+def test_second_copies_of_faces_are_dropped() -> None:
+    mesh = box()
+    copies = np.roll(np.concatenate([mesh.faces[:3], mesh.faces[:3]]), 1, axis=1)
+    part = Part.from_mesh(mesh.vertices, np.concatenate([mesh.faces[:6], copies, mesh.faces[6:]]), "box")
+    np.testing.assert_array_equal(part.faces, mesh.faces)
+    assert part.is_closed
+    edges = sample_edges(part)
+    assert len(edges) == len(sample_edges(Part.from_mesh(mesh.vertices, mesh.faces, "box")))
+
+
+def test_a_sheet_with_two_sides_keeps_both() -> None:
+    mesh = box()
+    front = mesh.faces[:2]
+    part = Part.from_mesh(mesh.vertices, np.concatenate([front, front[:, ::-1]]), "sheet")
+    assert len(part.faces) == 4
+
+
+@pytest.mark.parametrize("away", [2e4, 1e6])
+def test_an_origin_far_away_costs_no_detail_of_float64_numbers(away: float) -> None:
+    """Slivers of a finely cut bore are far below what float32 could tell there."""
+    part = Part.from_file(sample_dataset() / "models" / "obj_000001.ply")
+    far = Part.from_mesh(part.vertices + away, part.faces, "far")
+    np.testing.assert_array_equal(far.faces, part.faces)
+    assert len(sample_edges(far)) == len(sample_edges(part))
+
+
+@pytest.mark.parametrize("unit_mm", [1.0, 25.4, 1000.0])
+def test_float32_numbers_far_from_the_origin(unit_mm: float) -> None:
+    """Noticed in the file's unit, in which they are float32."""
+    mesh = trimesh.creation.icosphere(2, radius=20.0)
+    stored = ((np.array(mesh.vertices) + 3000.0) / unit_mm).astype(np.float32)
+    soup = stored[mesh.faces].reshape(-1, 3)
+    noisy = soup + np.random.default_rng(0).integers(-1, 2, soup.shape).astype(np.float32) * np.spacing(soup)
+    vertices, _ = clean_mesh(unit_mm * noisy.astype(float), np.arange(len(soup)).reshape(-1, 3), "ball", unit_mm)
+    assert len(vertices) == len(mesh.vertices)
+    far = unit_mm * (stored + np.float32(1e6 / unit_mm)).astype(float)
+    with pytest.raises(PartError, match=r"ball: is 40 mm large .* up to 1e\+06 mm.*: put the CAD origin near the part"):
+        clean_mesh(far, mesh.faces, "ball", unit_mm)
 
 
 def test_sizes_and_normals() -> None:

@@ -7,6 +7,7 @@ import re
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ from acp_lab.sequences import read_results
 from acp_lab.sequences.results_csv import rows_with_ends
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
+from tests.sequences.timed_video import timed_video
 from tests.sequences.tiny_dataset import write_json
 
 PER_FRAME = len(OBJECT_IDS)
@@ -198,6 +200,30 @@ def test_a_video(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path,
     before = cut(tmp_path / "whole.csv", out, 2).read_bytes()
     assert_one_error(run(capsys, *words, "--out", out, "--resume"), "its images or camera", "without --resume")
     assert out.read_bytes() == before
+
+
+def test_a_video_whose_frames_come_at_uneven_times(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """Its header announces another number of frames, which must neither be waited for nor be a limit."""
+    files = sorted((dataset / "test" / "000001" / "rgb").iterdir())
+    images = [cv2.imread(str(path))[..., ::-1].copy() for path in files] * 2
+    CAMERA.to_json(tmp_path / "camera.json")
+    pose = true_pose(0)
+    entry = {"cam_R_m2c": pose[:3, :3].ravel().tolist(), "cam_t_m2c": pose[:3, 3].tolist()}
+    write_json(tmp_path / "pose.json", entry)
+    for name, step_ms in (("slow", 100), ("fast", 16)):
+        video = timed_video(tmp_path / f"{name}.mkv", [step_ms * i for i in range(len(images))], images)
+        words = ["track", "--video", video, "--camera", tmp_path / "camera.json", "--init", tmp_path / "pose.json"]
+        words += ["--mesh", dataset / "models" / "obj_000001.ply", "--parts", parts]
+        out = tmp_path / f"{name}.csv"
+        assert run(capsys, *words, "--out", out).status == 0
+        rows = out.read_bytes()
+        assert [key[1] for key in keys(out)] == list(range(len(images)))
+        outcome = run(capsys, *words, "--out", out, "--resume")
+        assert outcome.status == 0
+        assert "all frames have their rows already" in outcome.out + outcome.err
+        assert out.read_bytes() == rows
 
 
 def edit_truth(dataset: Path, parts: Path) -> None:

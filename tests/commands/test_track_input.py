@@ -220,6 +220,16 @@ def test_video_needs_all_of_it(
     assert_one_error(track_video(capsys, video, parts, out), missing)
 
 
+def test_run_information_that_would_overwrite_the_start_pose(
+    capsys: pytest.CaptureFixture[str], video: dict[str, Path], parts: Path, out: Path
+) -> None:
+    pose = video["--init"].rename(out.with_name("results.run.json"))
+    before = pose.read_bytes()
+    outcome = track_video(capsys, {**video, "--init": pose}, parts, out)
+    assert_one_error(outcome, "results.run.json", "overwrite an input")
+    assert pose.read_bytes() == before
+
+
 @pytest.mark.parametrize("option", ["--video", "--mesh", "--camera", "--init"])
 @pytest.mark.parametrize("kind", ["missing", "empty", "nonsense"])
 def test_video_files(

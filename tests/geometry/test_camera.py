@@ -294,6 +294,25 @@ def test_undistortion_puts_spots_where_the_pinhole_projects(
         assert np.hypot(*(centre - (u, v))) < 0.15
 
 
+def test_what_the_lens_never_saw_is_black() -> None:
+    """Beyond r = 0.82 a formula of k1 = -0.5 leads back towards the middle, and would show the image once more."""
+    camera = Camera(641, 513, 300.0, 300.0, 320.0, 256.0, (-0.5, 0.0, 0.0, 0.0, 0.0))
+    result = Undistorter(camera)(np.full((513, 641), 200, np.uint8))
+    y, x = np.mgrid[:513, :641]
+    radius = np.hypot(x - 320.0, y - 256.0) / 300.0
+    fold = np.sqrt(1.0 / 1.5)
+    assert (result[radius > fold + 0.002] == 0).all()
+    assert (result[radius < fold - 0.002] == 200).all()
+    # A lens that never folds, or does so outside the image, shows all of it.
+    for k1 in (0.1, -0.2):
+        seen = Undistorter(Camera(641, 513, 600.0, 600.0, 320.0, 256.0, (k1, 0.0, 0.0, 0.0, 0.0)))
+        tables = cv2.initUndistortRectifyMap(
+            seen.camera.matrix, np.array(seen.camera.dist), np.eye(3), seen.camera.matrix, (641, 513), cv2.CV_16SC2
+        )
+        for made, plain in zip(_undistortion_maps(seen.camera), tables, strict=True):
+            np.testing.assert_array_equal(made, plain)
+
+
 def test_undistortion_tables_are_made_once(distorted_camera: Camera) -> None:
     _undistortion_maps.cache_clear()
     for _ in range(3):

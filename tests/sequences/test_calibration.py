@@ -92,6 +92,23 @@ def test_corners_are_found_where_they_are(kind: str) -> None:
     assert board.find(np.full((288, 360, 3), 128, np.uint8)) is None
 
 
+@pytest.mark.parametrize("is_old", [False, True])
+def test_boards_of_both_layouts_are_found(is_old: bool) -> None:
+    """Those with an even number of rows that were printed with OpenCV before 4.6 begin with a marker."""
+    board = CharucoBoard(7, 6, SQUARE_MM, 15.0, "4X4_50")
+    printed = CharucoBoard(7, 6, SQUARE_MM, 15.0, "4X4_50")
+    printed.board.setLegacyPattern(is_old)
+    print_ = charuco_print(printed, 7, 6)
+    height_mm, width_mm = np.array(print_.shape) / PX_PER_MM
+    assert board.find(np.full((288, 360, 3), 128, np.uint8)) is None
+    for stand in stands((width_mm, height_mm), 3):
+        view = board.find(picture(print_, stand))
+        assert view is not None
+        assert len(view.pixels) > 20
+        true = stand.pixels(view.points_board + np.array([SQUARE_MM, SQUARE_MM, 0.0]))
+        assert np.median(np.linalg.norm(view.pixels - true, axis=1)) < 0.25
+
+
 def test_warnings_name_what_speaks_against_a_calibration() -> None:
     bad = Calibration(CAMERA, 1.4, np.array([0.3, 2.5, 0.4, 0.2]), 12.0, 0.2)
     error, views, focal, cover = bad.warnings

@@ -57,6 +57,24 @@ def test_12_bits_in_16_are_refused_with_the_mend(tmp_path: Path) -> None:
         read_rgb(path)
 
 
+def _tiff(image: np.ndarray, turn: int, order: str) -> bytes:
+    """An uncompressed TIFF file of an (h, w, 3) uint8 image with a note that has viewers turn it."""
+    height, width = image.shape[:2]
+    numbers = {256: width, 257: height, 258: 8, 259: 1, 262: 2, 273: 8, 274: turn, 277: 3, 278: height, 279: image.size}
+    entries = b"".join(struct.pack(f"{order}HHII", tag, 4, 1, number) for tag, number in numbers.items())
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", 8 + image.size)
+    return head + image.tobytes() + struct.pack(f"{order}H", len(numbers)) + entries + bytes(4)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("turn", range(1, 9))
+def test_a_tiff_is_read_as_it_is_stored(turn: int, order: str, tmp_path: Path) -> None:
+    """As JPEG and PNG files are, whatever their notes say: the calibration belongs to those pixels."""
+    path = tmp_path / "a.tif"
+    path.write_bytes(_tiff(COLOUR, turn, order))
+    np.testing.assert_array_equal(read_rgb(path), COLOUR)
+
+
 def test_float_images_are_refused(tmp_path: Path) -> None:
     path = _write(tmp_path / "a.tif", COLOUR[..., 0].astype(np.float32))
     with pytest.raises(InputFileError, match="pixels are float32: convert"):

@@ -23,6 +23,7 @@ from acp_lab.sequences import (
     open_images,
 )
 from acp_lab.sequences.images import first_size
+from tests.sequences.timed_video import timed_video
 from tests.sequences.tiny_dataset import HEIGHT, WIDTH, write_image
 
 CAMERA = Camera(WIDTH, HEIGHT, 80.0, 81.0, 31.5, 23.5)
@@ -127,15 +128,32 @@ def test_a_video_yields_rgb_frames_with_times(tmp_path: Path) -> None:
     assert [frame.index for frame in video.frames(3)] == [0, 1, 2]
 
 
-def test_a_video_that_ends_early_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    video = VideoFile(_video(tmp_path / "clip.mp4"), CAMERA)
-    monkeypatch.setattr(video, "frame_ids", tuple(range(40)))
-    frames = list(video.frames())
-    assert len(frames) == 11
-    last = frames[-1]
+@pytest.mark.parametrize("name", ["clip.mkv", "clip.mp4"])
+def test_a_video_that_ends_early_says_so(name: str, tmp_path: Path) -> None:
+    path = timed_video(tmp_path / name, [round(i * 1000 / 30) for i in range(40)])
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    video = VideoFile(path, CAMERA)
+    *before, last = video.frames()
+    assert 8 < len(before) < 36
     assert isinstance(last, UnreadableFrame)
-    assert last.index == 10
-    assert "ends after 10 of the 40 frames" in last.reason
+    assert f"ends after {len(before)} of the 40 frames" in last.reason
+    assert video.frame_ids == tuple(range(len(before) + 1)), "the one that says so, too"
+
+
+@pytest.mark.parametrize(
+    "times_ms",
+    [
+        [0, 33, 67, 133, 167, 233, 267, 300, 367, 400, 467, 500],  # OpenCV announces 16
+        [16 * i for i in range(12)],  # 6
+        [33 * i + 300 * (i > 6) for i in range(12)],
+    ],
+)
+def test_a_video_whose_frames_come_at_uneven_times_is_whole(times_ms: list[int], tmp_path: Path) -> None:
+    video = VideoFile(timed_video(tmp_path / "clip.mkv", times_ms), CAMERA)
+    frames = list(video.frames())
+    assert all(isinstance(frame, Frame) for frame in frames)
+    assert video.frame_ids == tuple(frame.index for frame in frames) == tuple(range(12))
 
 
 @pytest.mark.parametrize("content", [b"", b"this is no video"])
