@@ -27,6 +27,7 @@ from acp_lab.generator.templates import build_templates
 from acp_lab.generator.two_at_a_time import two_at_a_time
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.locks import only_writer
+from acp_lab.pasted import quoted
 from acp_lab.prepared_part import (
     FORMAT_VERSION,
     UNSEALED_VERSION,
@@ -138,7 +139,7 @@ def _stored(part: Part, folder: Path, options: PrepareOptions) -> PreparedPart |
     """What a folder holds of this very part; None to start anew."""
     if not options.resume or not (folder / "part.json").exists():
         return None
-    command = f"run: acp-lab prepare {part.path or 'MESH'} --out {folder.parent}"
+    command = f"run: acp-lab prepare {quoted(part.path or 'MESH')} --out {quoted(folder.parent)}"
     header = read_header(folder, command)
     if header["mesh"]["sha256"] != part.sha256:
         raise PreparationError(

@@ -15,6 +15,7 @@ import numpy as np
 from acp_lab.commands import console, interrupt
 from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own
 from acp_lab.errors import AcpLabError, GeometryError, InputFileError, PreparationError, SequenceError
+from acp_lab.pasted import quoted
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 
 if TYPE_CHECKING:
@@ -176,7 +177,7 @@ def _objects(dataset: BopDataset, scene: BopScene, options: DetectOptions) -> li
     if not prepared:
         raise PreparationError(
             f"{options.parts}: holds none of the parts of {options.source}; "
-            f"run: acp-lab prepare {options.source / 'models'}/*.ply --out {options.parts}"
+            f"run: acp-lab prepare {quoted(options.source / 'models')}/*.ply --out {quoted(options.parts)}"
         )
     return prepared
 
@@ -204,7 +205,7 @@ def _image_jobs(options: DetectOptions) -> list[DetectJob]:
         folders = sorted(path.parent for path in options.parts.glob("*/part.json"))
         if not folders:
             raise PreparationError(
-                f"{options.parts}: holds no prepared part; run: acp-lab prepare MESH --out {options.parts}"
+                f"{options.parts}: holds no prepared part; run: acp-lab prepare MESH --out {quoted(options.parts)}"
             )
         if len(folders) != 1:
             names = ", ".join(folder.name for folder in folders)

@@ -20,6 +20,7 @@ from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.machine import short_collections
+from acp_lab.pasted import quoted
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import Method
@@ -181,7 +182,7 @@ def track_parts(options: TrackOptions) -> None:
     print(f"{options.out}: written{_next_after_loss(summary, options.out)}")
     if options.replay is not None and summary.objects:
         lacks = f" ({summary.replay_lacks})" if summary.replay_lacks else ""
-        print(f"{options.replay}: written{lacks}; acp-lab replay {options.replay} shows it")
+        print(f"{options.replay}: written{lacks}; acp-lab replay {quoted(options.replay)} shows it")
 
 
 def _next_after_loss(summary: RunSummary, out: Path) -> str:
@@ -190,7 +191,7 @@ def _next_after_loss(summary: RunSummary, out: Path) -> str:
     if lost is None:
         return ""
     which = f" --scene {lost.scene_id} --object {lost.object_id}" if len(summary.objects) > 1 else ""
-    return f"; acp-lab explain {out}{which} says why it was lost, and where to start again"
+    return f"; acp-lab explain {quoted(out)}{which} says why it was lost, and where to start again"
 
 
 def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()) -> RunSummary:

@@ -24,6 +24,7 @@ from acp_lab.generator.painted.image_generator import AutoencoderGenerator, Poin
 from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.pasted import quoted
 from acp_lab.prepared_part import arrays
 from acp_lab.prepared_part.header import UNSEALED_VERSION, header_of, read_header, sha256_of, withdraw_header
 from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, write_header
@@ -206,4 +207,4 @@ class PreparedPart:
 
 
 def _prepare_command(mesh: Path | None, parts: Path | None) -> str:
-    return f"run: acp-lab prepare {mesh or 'MESH'} --out {parts or 'PARTS_DIR'}"
+    return f"run: acp-lab prepare {quoted(mesh or 'MESH')} --out {quoted(parts or 'PARTS_DIR')}"

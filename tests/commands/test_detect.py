@@ -154,7 +154,8 @@ def test_bad_sources(capsys: pytest.CaptureFixture[str], dataset: Path, parts: P
     assert_one_error(run(capsys, "detect", image, *fixed), image, "--camera")
     assert_one_error(run(capsys, "detect", image, *fixed, *camera), parts, "obj_000001, obj_000004", "--mesh")
     assert_one_error(run(capsys, "detect", tmp_path / "camera.json", *fixed, *camera), "camera.json")
-    assert_one_error(run(capsys, "detect", dataset, "--parts", tmp_path, "--out", out), "acp-lab prepare")
+    command = f"obj_000001.ply --out '{tmp_path / 'my parts'}'"
+    assert_one_error(run(capsys, "detect", dataset, "--parts", tmp_path / "my parts", "--out", out), command)
     truth = dataset / "test/000001/scene_gt.json"
     assert_one_error(run(capsys, "detect", dataset, "--parts", parts, "--out", truth), "not results")
     assert not out.exists()

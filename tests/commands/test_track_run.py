@@ -290,8 +290,8 @@ def test_the_summary_says_what_was_seen(
         outcome.out
     )
     assert f"results.csv: written; acp-lab explain {tmp_path / 'results.csv'} says why" in outcome.out
-    outcome = track(capsys, dataset, parts, tmp_path / "both.csv")
-    assert f"acp-lab explain {tmp_path / 'both.csv'} --scene 1 --object 1 says why" in outcome.out
+    outcome = track(capsys, dataset, parts, tmp_path / "my out.csv")
+    assert f"acp-lab explain '{tmp_path / 'my out.csv'}' --scene 1 --object 1 says why" in outcome.out
 
 
 def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
