@@ -255,7 +255,8 @@ def test_other_inputs_are_refused(
     before = out.read_bytes()
     if change is not None:
         change(dataset, parts)
-    assert_one_error(track(capsys, dataset, parts, out, "--resume", *words), told, "run without --resume")
+    outcome = track(capsys, dataset, parts, out, "--resume", *words)
+    assert_one_error(outcome, told, "give --out another name, or run without --resume, which replaces these rows")
     assert out.read_bytes() == before
 
 
