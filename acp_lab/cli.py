@@ -183,6 +183,10 @@ def track(
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="Stop after that many frames of each scene.", metavar="N")
     ] = None,
+    first_frame: Annotated[
+        int | None,
+        typer.Option(min=0, help="Start in image N; by default in the first one that has start poses.", metavar="N"),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on after the rows of a run that was stopped.")] = False,
 ) -> None:
     """Track prepared parts through a data set or a video."""
@@ -212,6 +216,7 @@ def track(
         threads=threads,
         max_frames=max_frames,
         resume=resume,
+        first_frame=first_frame,
     )
     from acp_lab.commands.track_run import track_parts
 

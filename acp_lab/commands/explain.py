@@ -81,7 +81,8 @@ def _verdict(run: TrackRun, object_id: int) -> str:
         again = max(number for number in range(len(results)) if results[number].state is not TrackState.LOST) + 1
         told = (
             f"Object {object_id} was lost more than once, first from frame {lost} (image {results[lost].frame_id}) on, "
-            f"and is lost since frame {again} (image {results[again].frame_id}) of {len(results)}, start again there."
+            f"and is lost since frame {again} (image {results[again].frame_id}) of {len(results)}, start again there: "
+            f"acp-lab track … --first-frame {results[again].frame_id}."
         )
         first, found = again, None
     elif found is not None:
@@ -91,8 +92,8 @@ def _verdict(run: TrackRun, object_id: int) -> str:
         )
     else:
         told += (
-            ", start again there: with a pose for that image, which notebook 10 sets with the mouse or `acp-lab "
-            "detect` finds."
+            f", start again there: acp-lab track … --first-frame {results[lost].frame_id}, with --init auto, or with a "
+            "pose for that image, which notebook 10 sets with the mouse."
         )
     searches = [result for result in results[first:found] if result.sought is not None]
     if searches:

@@ -109,8 +109,8 @@ def resumption(
     for job in jobs:
         if not job.sequence.frame_ids:
             raise SequenceError(
-                f"{job.sequence.name}: cannot be resumed, it does not say how many frames it has: leave --resume out, and "
-                "give --out another name"
+                f"{job.sequence.name}: cannot be resumed, it does not say how many frames it has: leave --resume out, "
+                "and give --out another name"
             )
     if not results.exists():
         return None

@@ -47,7 +47,10 @@ def test_a_loss_says_where_to_start_again(capsys: pytest.CaptureFixture[str], re
     outcome = run(capsys, "explain", results)
     assert (outcome.status, outcome.err) == (0, "")
     first, second, *_ = outcome.out.splitlines()
-    assert f"lost since frame {LOSS} (image {LOSS}) of 40, start again there" in first
+    assert (
+        f"lost since frame {LOSS} (image {LOSS}) of 40, start again there: acp-lab track … --first-frame {LOSS}"
+        in first
+    )
     assert second.startswith(f"Frame {LOSS} (image {LOSS}), object 1: weak, quality 0.05, 0.55 in the good frames")
     picture = results.with_name(f"results.frame{LOSS}.png")
     assert picture.read_bytes()[:4] == b"\x89PNG"

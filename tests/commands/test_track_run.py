@@ -22,7 +22,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.prepared_part.trained import RegionReport
-from acp_lab.sequences import ResultRow, ResultsWriter, read_results
+from acp_lab.sequences import ResultRow, ResultsWriter, read_results, write_pose
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import METHODS
@@ -33,7 +33,7 @@ from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, wr
 from tests.sequences.tiny_dataset import write_json
 
 
-def track(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, *words: str) -> Outcome:
+def track(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, *words: str | Path) -> Outcome:
     outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, *words)
     assert outcome.status == 0, outcome
     return outcome
@@ -265,6 +265,38 @@ def test_starting_from_a_file(capsys: pytest.CaptureFixture[str], dataset: Path,
         writer.append(ResultRow(1, 0, 4, 1.0, true_pose(0, 4)))
     track(capsys, dataset, parts, tmp_path / "results.csv", "--init", str(tmp_path / "poses.csv"))
     assert [row.obj_id for row in read_results(tmp_path / "results.csv")] == [4] * len(FRAME_IDS)
+
+
+def test_a_run_starts_where_its_start_poses_do(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    with ResultsWriter(tmp_path / "poses.csv") as writer:
+        for frame_id in (3, 5):
+            writer.append(ResultRow(1, frame_id, 4, 1.0, true_pose(frame_id, 4)))
+    words, out = ("--object", "4", "--init", tmp_path / "poses.csv"), tmp_path / "results.csv"
+    outcome = track(capsys, dataset, parts, out, *words)
+    assert "note: scene 1: starts in image 3, the first with start poses in" in outcome.err
+    assert [row.im_id for row in read_results(out)] == [3, 5, 6]
+    assert track(capsys, dataset, parts, out, *words, "--resume").status == 0
+    track(capsys, dataset, parts, out, *words, "--first-frame", "5")
+    assert [row.im_id for row in read_results(out)] == [5, 6]
+
+
+def test_so_does_one_of_a_video(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    with ResultsWriter(tmp_path / "poses.csv") as writer:
+        writer.append(ResultRow(1, 2, 1, 1.0, true_pose(FRAME_IDS[2])))
+    write_pose(tmp_path / "pose.json", true_pose(FRAME_IDS[3]))
+    words = ["track", "--video", dataset / "test" / "000001" / "rgb", "--camera", tmp_path / "camera.json"]
+    words += ["--mesh", dataset / "models" / "obj_000001.ply", "--parts", parts, "--out", tmp_path / "results.csv"]
+    assert run(capsys, *words, "--init", tmp_path / "poses.csv").status == 0
+    assert [row.im_id for row in read_results(tmp_path / "results.csv")] == [2, 3, 4]
+    assert run(capsys, *words, "--init", tmp_path / "pose.json", "--first-frame", "3").status == 0
+    assert [row.im_id for row in read_results(tmp_path / "results.csv")] == [3, 4]
+    outcome = run(capsys, *words, "--init", tmp_path / "pose.json", "--first-frame", "9")
+    assert_one_error(outcome, "has no image 9")
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", tmp_path / "other.csv", "--first-frame", "3")
+    assert_one_error(outcome, "--first-frame 3", "--init")
 
 
 def test_a_frame_in_the_middle_that_cannot_be_read(
