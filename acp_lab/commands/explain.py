@@ -65,11 +65,13 @@ def _check_keeps_images(picture: Path, sequence: Sequence | None) -> None:
 
 
 def _verdict(run: TrackRun, object_id: int) -> str:
-    """Whether the part was lost, since when, where it was looked for, and what to do."""
+    """Whether the part was ever good, and lost, since when, where it was looked for, and what to do."""
     from acp_lab.diagnosis.recorded_run import first_loss
     from acp_lab.tracking.result import TrackState
 
     results = run.results[object_id]
+    if not any(result.state is TrackState.TRACKING for result in results):
+        return f"Object {object_id} was good in none of {len(results)} frames."
     lost = first_loss(results)
     if lost is None:
         return f"Object {object_id} was never lost in {len(results)} frames."

@@ -121,6 +121,11 @@ class ObjectSummary:
         self.qualities.append(quality)
 
     @property
+    def was_good(self) -> bool:
+        """Whether the part was ever `tracking`."""
+        return self.states[str(TrackState.TRACKING)] > 0
+
+    @property
     def time_s_median(self) -> float:
         """Median wall seconds per frame that was read; NaN when none was."""
         return median(self.times_s) if self.times_s else float("nan")
@@ -186,12 +191,13 @@ def track_parts(options: TrackOptions) -> None:
 
 
 def _next_after_loss(summary: RunSummary, out: Path) -> str:
-    """The command that explains the first loss; nothing where no part was lost."""
-    lost = next((one for one in summary.objects if one.first_lost is not None), None)
+    """The command that explains the first loss, or that no frame was good; nothing where all went well."""
+    lost = next((one for one in summary.objects if one.first_lost is not None or not one.was_good), None)
     if lost is None:
         return ""
     which = f" --scene {lost.scene_id} --object {lost.object_id}" if len(summary.objects) > 1 else ""
-    return f"; acp-lab explain {quoted(out)}{which} says why it was lost, and where to start again"
+    why = "it was lost, and where to start again" if lost.was_good else "no frame was good"
+    return f"; acp-lab explain {quoted(out)}{which} says why {why}"
 
 
 def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()) -> RunSummary:

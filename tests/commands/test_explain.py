@@ -57,6 +57,15 @@ def test_a_loss_says_where_to_start_again(capsys: pytest.CaptureFixture[str], re
     assert str(picture) in outcome.out
 
 
+def test_a_run_without_a_good_frame(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    lines = results.read_text().splitlines()
+    poor = [",".join([*line.split(",")[:3], "0.05", *line.split(",")[4:]]) for line in lines[1:]]
+    results.write_text("\n".join([lines[0], *poor]) + "\n")
+    outcome = run(capsys, "explain", results)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.out.startswith("Object 1 was good in none of 40 frames.\n")
+
+
 def test_where_a_lost_part_was_looked_for(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     info, pose = results.with_name("results.run.json"), sample_scene().first_pose
     sought = [Sought(pose, 25.0, 80.0), Sought(None, 180.0, None, pose, 0.42)]

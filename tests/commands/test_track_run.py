@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from acp_lab.commands.track import TrackOptions, scene_jobs
-from acp_lab.commands.track_run import Reporter
+from acp_lab.commands.track_run import ObjectSummary, Reporter, RunSummary, _next_after_loss
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.generator.visibility import RegionNetwork
@@ -324,6 +324,12 @@ def test_the_summary_says_what_was_seen(
     assert f"results.csv: written; acp-lab explain {tmp_path / 'results.csv'} says why" in outcome.out
     outcome = track(capsys, dataset, parts, tmp_path / "my out.csv")
     assert f"acp-lab explain '{tmp_path / 'my out.csv'}' --scene 1 --object 1 says why" in outcome.out
+
+
+def test_the_summary_says_where_no_frame_was_good(tmp_path: Path) -> None:
+    poor = ObjectSummary(1, 4, "box")
+    poor.add(0, TrackState.WEAK, is_unreadable=False)
+    assert _next_after_loss(RunSummary((poor,)), tmp_path / "r.csv").endswith("r.csv says why no frame was good")
 
 
 def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:

@@ -327,6 +327,24 @@ def test_a_part_in_another_unit(good: TrackRun) -> None:
     assert diagnosis.causes[0] is Cause.UNIT_OR_CAMERA
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_a_start_beside_the_part(
+    model: PreparedPart, images: list[ByteImage], truth: list[FloatArray], known: bool
+) -> None:
+    """It was told as an occlusion, with settings that make nothing better."""
+    beside = truth[0] @ make_pose(so3_exp(np.array([0.0, 1.2, 0.6])), np.array([12.0, 8.0, 0.0]))
+    run = Tracker(model, ACP_EDGES).run(MadeSequence(images, {1: truth}), beside)
+    never = tuple(replace(r, state=TrackState.WEAK, quality=min(r.quality, 0.2)) for r in run.results[1])
+    run = replace(run, results={1: never})
+    diagnosis = diagnose(run if known else without_truth(run), 3)
+    assert diagnosis.causes[0] is Cause.WRONG_START
+    assert "--init auto" in diagnosis.findings[0].advice
+    assert "learn_above" not in str(diagnosis)
+    # Where the truth says that the start was right, it is not blamed.
+    fair = replace(run, starts={1: truth[0]})
+    assert (Cause.WRONG_START in diagnose(fair if known else without_truth(fair), 3).causes) is not known
+
+
 # ---- the error that is told --------------------------------------------------------------------------------------
 
 
