@@ -313,7 +313,9 @@ class _Case:
             found.append(causes.clutter(evidence.rivals_per_point, evidence.reach_px, config))
         if self.is_bad and is_hidden:
             found.append(causes.occlusion(share, config, self.was_good))
-        if self.is_bad and few is None and before is not None:
+        # The quality is that of the tracked pose: elsewhere it fell because of that, whatever the part looks like.
+        elsewhere = self.add_percent() > ELSEWHERE_PERCENT  # False where the truth is unknown
+        if self.is_bad and few is None and before is not None and not elsewhere:
             # Hidden edges lower the quality by their share; the rest of the loss is the look of the visible ones.
             usual = weight_of_evidence(self.usual) * float(rest.mean())
             kept = weight_of_evidence(self.results[self.measured_frame()].quality) / max(usual, 1e-6)

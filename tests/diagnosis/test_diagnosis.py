@@ -173,6 +173,15 @@ def test_changed_appearance(model: PreparedPart, images: list[ByteImage], truth:
     assert Cause.APPEARANCE in named(run, TROUBLE).causes
 
 
+def test_a_pose_beside_the_part_says_nothing_of_its_look(good: TrackRun) -> None:
+    """Truth is known, and the image shows the part as ever: what fell is the quality of another place."""
+    beside = good.results[1][TROUBLE].cam_T_obj.copy()
+    beside[:3, 3] += (40.0, 0.0, 0.0)
+    bad = replace(good.results[1][TROUBLE], cam_T_obj=beside, state=TrackState.WEAK, quality=0.05)
+    run = replace(good, results={1: (*good.results[1][:TROUBLE], bad)})
+    assert Cause.APPEARANCE not in diagnose(run, -1).causes
+
+
 def test_an_unreadable_image(model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]) -> None:
     torn: list[ByteImage | None] = list(images)
     torn[TROUBLE] = None
