@@ -96,7 +96,11 @@ class Reporter:
 
 @dataclass
 class ObjectSummary:
-    """What a run said about one object of one scene; prints as one line."""
+    """What a run said about one object of one scene; prints as one line.
+
+    bad_since: the image from which on it is not `tracking`, None while it is. first_lost: of the stretch in which it
+    was lost first, as `acp-lab explain` counts.
+    """
 
     scene_id: int
     object_id: int
@@ -107,12 +111,17 @@ class ObjectSummary:
     states: Counter[str] = field(default_factory=Counter)
     unreadable: int = 0
     first_lost: int | None = None
+    bad_since: int | None = None
 
     def add(self, im_id: int, state: TrackState, is_unreadable: bool) -> None:
         """Count a frame."""
         self.states[str(state)] += 1
+        if state is TrackState.TRACKING:
+            self.bad_since = None
+        elif self.bad_since is None:
+            self.bad_since = im_id
         if state is TrackState.LOST and self.first_lost is None:
-            self.first_lost = im_id
+            self.first_lost = self.bad_since
         self.unreadable += is_unreadable
 
     def add_seen(self, time_s: float, quality: float) -> None:
@@ -134,7 +143,7 @@ class ObjectSummary:
         frames = f"{sum(self.states.values())} frames{self.size}"
         states = ", ".join(f"{count} {state}" for state, count in self.states.most_common())
         if self.first_lost is not None:
-            states += f"; first lost in image {self.first_lost}"
+            states += f"; first lost from image {self.first_lost} on"
         if self.unreadable:
             states += f"; {self.unreadable} not readable"
         quality = f"{median(self.qualities):.2f}" if self.qualities else "-"

@@ -96,7 +96,7 @@ def test_what_the_run_before_saw_is_not_forgotten(
     """The summary counts its frames too, and names the frame that it lost first; where it searched stays."""
     for im_id in FRAME_IDS[1:3]:
         (dataset / "test" / "000001" / "rgb" / f"{im_id:06d}.png").write_bytes(b"")
-    told = f"5 frames of 320 x 240 .*; first lost in image {FRAME_IDS[2]}; 2 not readable"
+    told = f"5 frames of 320 x 240 .*; first lost from image {FRAME_IDS[1]} on; 2 not readable"
     whole = track(capsys, dataset, parts, tmp_path / "whole.csv")
     assert len(re.findall(told, whole.out)) == PER_FRAME, whole.out
     out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 4 * PER_FRAME)
