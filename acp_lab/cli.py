@@ -226,7 +226,11 @@ def track(
 @app.command()
 def detect(
     source: Annotated[
-        Path, typer.Argument(help="A data set in the BOP layout, or one image.", metavar="DATASET|IMAGE")
+        Path,
+        typer.Argument(
+            help="A data set in the BOP layout, an image, a video, or a folder of images.",
+            metavar="DATASET|IMAGE|VIDEO",
+        ),
     ],
     *,
     parts: PartsDir,
@@ -244,10 +248,12 @@ def detect(
         tuple[float, float] | None,
         typer.Option(help="Nearest and farthest distance of the part; 250 to 1200 mm.", metavar="MIN MAX"),
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="With an image: its camera.", metavar="CAMERA.json")] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="With images or a video: their camera.", metavar="CAMERA.json")
+    ] = None,
     mesh: Annotated[
         Path | None,
-        typer.Option(help="With an image: the part; by default the only one in PARTS_DIR.", metavar="MESH"),
+        typer.Option(help="With images or a video: the part; by default the only one in PARTS_DIR.", metavar="MESH"),
     ] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads.", metavar="N")] = 1,
 ) -> None:

@@ -318,9 +318,9 @@ def test_the_summary_says_what_was_seen(
     for frame_id in FRAME_IDS[1:]:
         (dataset / "test" / "000001" / "rgb" / f"{frame_id:06d}.png").write_bytes(b"")
     outcome = track(capsys, dataset, parts, tmp_path / "results.csv", "--object", "1")
-    assert "5 frames of 320 x 240 (3 lost, 1 tracking, 1 weak; first lost from image 2 on; 4 not readable)" in outcome.out, (
-        outcome.out
-    )
+    assert (
+        "5 frames of 320 x 240 (3 lost, 1 tracking, 1 weak; first lost from image 2 on; 4 not readable)" in outcome.out
+    ), outcome.out
     assert f"results.csv: written; acp-lab explain {tmp_path / 'results.csv'} says why" in outcome.out
     outcome = track(capsys, dataset, parts, tmp_path / "my out.csv")
     assert f"acp-lab explain '{tmp_path / 'my out.csv'}' --scene 1 --object 1 says why" in outcome.out
