@@ -179,7 +179,12 @@ class PartShelf:
         if mesh not in self._loaded:
             if not mesh.is_file():
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
-            self._loaded[mesh] = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
+            loaded = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
+            if loaded.lacks:
+                console.warn(
+                    f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.prepare_command}"
+                )
+            self._loaded[mesh] = loaded
         return self._loaded[mesh]
 
 

@@ -90,6 +90,23 @@ class PreparedPart:
             "autoencoder": self.autoencoders.regions,
         }
 
+    @property
+    def lacks(self) -> str:
+        """What was asked for and is not there, as after an interrupted `prepare`, in words; empty for a whole part."""
+        lacking: dict[str, set[int]] = {}
+        for options in self.options.values():
+            trained, what = self.networks.regions, "visibility networks"
+            if options.generator == "autoencoder":
+                trained, what = self.autoencoders.regions, "auto-encoders"
+            elif options.generator == "templates" or options.seed != self.seed:  # networks of another seed are replaced
+                continue
+            lacking.setdefault(what, set()).update(set(options.wanted_regions).difference(trained))
+        return " and ".join(
+            f"{what} of view regions {', '.join(map(str, sorted(regions)))}"
+            for what, regions in lacking.items()
+            if regions
+        )
+
     def best_generator(self) -> RigidGenerator:
         """The learned generator, else the templates.
 

@@ -20,7 +20,7 @@ from acp_lab.control_points.view_regions import choose_region
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
-from acp_lab.prepared_part import PreparedPart, Trained
+from acp_lab.prepared_part import PreparedPart, PrepareOptions, Trained
 from acp_lab.prepared_part.trained import RegionReport
 from acp_lab.sequences import ResultRow, ResultsWriter, read_results, write_pose
 from acp_lab.sequences.frame import Frame
@@ -324,6 +324,20 @@ def test_the_summary_says_what_was_seen(
     assert f"results.csv: written; acp-lab explain {tmp_path / 'results.csv'} says why" in outcome.out
     outcome = track(capsys, dataset, parts, tmp_path / "my out.csv")
     assert f"acp-lab explain '{tmp_path / 'my out.csv'}' --scene 1 --object 1 says why" in outcome.out
+
+
+def test_a_part_that_was_not_prepared_to_its_end_is_warned_of(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """An interrupted prepare leaves the stages that it had done, and what it was asked for."""
+    folder, mesh = parts / "obj_000001", dataset / "models" / "obj_000001.ply"
+    whole = PreparedPart.load(folder, mesh)
+    assert not whole.lacks
+    replace(whole, options={"both": PrepareOptions(regions=(0, 3))}).save(folder)
+    words = ("--object", "1", "--max-frames", "1")
+    outcome = track(capsys, dataset, parts, tmp_path / "results.csv", *words)
+    told = f"warning: {folder}: lacks visibility networks of view regions 0, 3, as after an interrupted prepare; run: "
+    assert f"{told}acp-lab prepare {mesh} --out {parts}\n" in outcome.err
 
 
 def test_the_summary_says_where_no_frame_was_good(tmp_path: Path) -> None:
