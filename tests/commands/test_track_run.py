@@ -29,7 +29,7 @@ from acp_lab.tracking.method import METHODS
 from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import Timings, TrackResult, TrackState
 from tests.cli_runner import Outcome, assert_one_error, run
-from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, write_dataset
+from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
 from tests.sequences.tiny_dataset import write_json
 
 
@@ -390,6 +390,20 @@ def test_eval_of_a_malformed_results_file(
 ) -> None:
     (tmp_path / "results.csv").write_text(content)
     assert_one_error(run(capsys, "eval", dataset, tmp_path / "results.csv"), "results.csv")
+
+
+def test_eval_with_truth_of_the_first_frame_alone(
+    capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path
+) -> None:
+    edit_json(
+        dataset / "test" / "000001" / "scene_gt.json",
+        lambda poses: [poses.pop(str(frame_id)) for frame_id in FRAME_IDS[1:]],
+    )
+    with ResultsWriter(tmp_path / "results.csv") as writer:
+        writer.append(ResultRow(1, 2, 1, 1.0, true_pose(2)))
+    outcome = run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "scores.json")
+    assert_one_error(outcome, dataset, "no frame but the first has truth")
+    assert not (tmp_path / "scores.json").exists()
 
 
 def test_eval_of_missing_things(capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path) -> None:
