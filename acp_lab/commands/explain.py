@@ -7,6 +7,7 @@ results file of the same folder that names it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -116,7 +117,7 @@ def _results_file(source: Path) -> Path:
     """The results file itself, or the one beside a replay whose run wrote both."""
     from acp_lab.display.replay.file import check_replay
 
-    if source.suffix.lower() != ".rrd":
+    if not _is_replay(source):
         return source
     check_replay(source)
     for path in sorted(source.resolve().parent.glob("*.run.json")):
@@ -129,6 +130,17 @@ def _results_file(source: Path) -> Path:
         f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
         "folder (acp-lab track --out results.csv --replay run.rrd)"
     )
+
+
+def _is_replay(source: Path) -> bool:
+    """By what it holds; by its name where that tells nothing, or there is no such file."""
+    from acp_lab.commands.track import HEADER_START
+
+    start = b""
+    if source.is_file():  # a pipe would never end
+        with suppress(OSError), source.open("rb") as file:
+            start = file.read(len(HEADER_START))
+    return start.startswith(b"RRF") or (start != HEADER_START and source.suffix.lower() == ".rrd")
 
 
 def _run(results: Path, options: ExplainOptions) -> TrackRun:

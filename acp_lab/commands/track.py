@@ -89,6 +89,11 @@ class TrackOptions:
         else:
             self._check_video(self.video)
         self._check_outputs()
+        if self.replay is not None and self.replay.suffix.lower() != ".rrd":
+            raise InputFileError(
+                f"{self.replay}: --replay writes .rrd only: name it {self.replay.with_suffix('.rrd').name} (a film is "
+                "made of it by acp-lab replay --mp4)"
+            )
 
     def _check_video(self, video: Path) -> None:
         for option, value in (("--mesh", self.mesh), ("--camera", self.camera), ("--init", self.init)):

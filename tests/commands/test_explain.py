@@ -116,6 +116,17 @@ def test_a_replay_is_explained_by_the_results_beside_it(capsys: pytest.CaptureFi
     assert_one_error(run(capsys, "explain", results.with_name("other.rrd")), "other.rrd", "results.csv")
 
 
+def test_content_counts_not_the_name(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    info = results.with_name("results.run.json")
+    info.write_text(info.read_text().replace("run.rrd", "run.replay"))
+    play([Replay(results.with_name("run.rrd"))])
+    results.with_name("run.rrd").rename(results.with_name("run.replay"))
+    assert f"lost since frame {LOSS}" in run(capsys, "explain", results.with_name("run.replay")).out
+    results.rename(results.with_name("results.rrd"))
+    outcome = run(capsys, "explain", results.with_name("results.rrd"), "--dataset", sample_dataset())
+    assert f"lost since frame {LOSS}" in outcome.out
+
+
 def test_results_whose_data_set_is_not_told(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     results.with_name("results.run.json").unlink()
     assert_one_error(run(capsys, "explain", results), "results.csv", "--dataset")

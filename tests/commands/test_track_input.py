@@ -175,6 +175,8 @@ def test_outputs_that_would_overwrite_something(
     assert_one_error(track(capsys, dataset, parts, out, "--init", out), "results.csv", "overwrite")
     assert_one_error(track(capsys, dataset, parts, out, "--replay", out), "results.csv", "same file")
     assert_one_error(track(capsys, dataset, parts, out, "--replay", dataset), "folder")
+    film = track(capsys, dataset, parts, out, "--replay", out.with_name("film.mp4"))
+    assert_one_error(film, "film.mp4: --replay writes .rrd only: name it film.rrd", "acp-lab replay --mp4")
     # Not an input that was named, but none of ours either.
     truth = dataset / "test" / "000001" / "scene_gt.json"
     before = truth.read_bytes()
