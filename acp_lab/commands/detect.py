@@ -170,12 +170,15 @@ def _scene_jobs(options: DetectOptions) -> list[DetectJob]:
 
 def _objects(dataset: BopDataset, scene: BopScene, options: DetectOptions) -> list[int]:
     """The ids that a scene's truth names, no more of it; without truth those whose part is prepared."""
+    from acp_lab.prepared_part import check_holds_parts
+
     if scene.ground_truth is not None:
         named = {i for frame_id in scene.frame_ids for i in scene.ground_truth.in_frame(frame_id)}
         if named:
             return sorted(named)
     prepared = [i for i in dataset.models() if (options.parts / dataset.part_path(i).stem / "part.json").is_file()]
     if not prepared:
+        check_holds_parts(options.parts)
         raise PreparationError(
             f"{options.parts}: holds none of the parts of {options.source}; "
             f"run: acp-lab prepare {quoted(options.source / 'models')}/*.ply --out {quoted(options.parts)}"
@@ -217,12 +220,13 @@ def _image(path: Path, camera: Camera) -> Frame:
 
 def _own_part(options: DetectOptions) -> PreparedPart:
     """That of the mesh, or the only one there."""
-    from acp_lab.prepared_part import PreparedPart
+    from acp_lab.prepared_part import PreparedPart, check_holds_parts
 
     if options.mesh is not None:
         return PartShelf(options.parts).part(options.mesh)
     folders = sorted(path.parent for path in options.parts.glob("*/part.json"))
     if not folders:
+        check_holds_parts(options.parts)
         raise PreparationError(
             f"{options.parts}: holds no prepared part; run: acp-lab prepare MESH --out {quoted(options.parts)}"
         )

@@ -169,6 +169,9 @@ def test_bad_sources(capsys: pytest.CaptureFixture[str], dataset: Path, parts: P
     assert_one_error(run(capsys, "detect", tmp_path / "camera.json", *fixed, *camera), "camera.json")
     command = f"obj_000001.ply --out '{tmp_path / 'my parts'}'"
     assert_one_error(run(capsys, "detect", dataset, "--parts", tmp_path / "my parts", "--out", out), command)
+    one = parts / "obj_000001"
+    outcome = run(capsys, "detect", image, "--parts", one, "--out", out, *camera)
+    assert_one_error(outcome, f"{one}: is a prepared part itself: --parts is the folder above, {parts}")
     truth = dataset / "test/000001/scene_gt.json"
     assert_one_error(run(capsys, "detect", dataset, "--parts", parts, "--out", truth), "not results")
     assert not out.exists()

@@ -488,6 +488,14 @@ def test_a_folder_that_was_never_prepared_is_told_so(tmp_path: Path) -> None:
         PreparedPart.load(tmp_path / "bolt", Path("bolt.stl"))
 
 
+def test_a_part_where_the_folder_of_parts_is_wanted_and_the_reverse(folder: Path) -> None:
+    with pytest.raises(PreparationError) as caught:
+        PreparedPart.load(folder / "box")
+    assert str(caught.value) == f"{folder}: is a prepared part itself: --parts is the folder above, {folder.parent}"
+    with pytest.raises(PreparationError, match=f"{folder.parent}: is no part, it holds some: name one of them: {folder}"):
+        PreparedPart.load(folder.parent)
+
+
 # ---- whole or not at all -------------------------------------------------------------------------------------
 
 
