@@ -144,7 +144,7 @@ def _stored(part: Part, folder: Path, options: PrepareOptions) -> PreparedPart |
     if header["mesh"]["sha256"] != part.sha256:
         raise PreparationError(
             f"{folder}: holds a part prepared from another mesh of the same name; "
-            "give --no-resume to prepare it anew, or rename the mesh"
+            "give another --out to keep both, --no-resume to replace it, or rename the mesh"
         )
     if header["version"] == UNSEALED_VERSION:
         add_checksums(folder, header, FORMAT_VERSION)

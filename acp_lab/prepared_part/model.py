@@ -182,7 +182,8 @@ class PreparedPart:
         header = read_header(folder, again)
         if mesh is not None and header["mesh"]["sha256"] != sha256_of(mesh, again):
             raise PreparationError(
-                f"{folder / 'part.json'}: prepared from another mesh than {mesh}; {again} --no-resume"
+                f"{folder / 'part.json'}: prepared from another mesh than {mesh}; {again} --no-resume (which replaces "
+                "it), or keep both: prepare into another folder, and give that as --parts"
             )
         if header["version"] == UNSEALED_VERSION:
             raise PreparationError(

@@ -141,7 +141,8 @@ def test_same_stem_of_another_mesh_is_refused_unless_told(
     assert prepare(capsys, tmp_path / "parts", mesh).status == 0
     before = (tmp_path / "parts" / "block" / "part.json").read_bytes()
     mesh.write_text(mesh.read_text().replace("-20 ", "-22 "))
-    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "block", "--no-resume")
+    told = "give another --out to keep both, --no-resume to replace it, or rename the mesh"
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "block", told)
     assert (tmp_path / "parts" / "block" / "part.json").read_bytes() == before
     assert prepare(capsys, tmp_path / "parts", mesh, "--no-resume").status == 0
     assert (tmp_path / "parts" / "block" / "part.json").read_bytes() != before

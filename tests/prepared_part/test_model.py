@@ -223,7 +223,7 @@ def test_the_mesh_it_was_prepared_from_is_recognised(tmp_path: Path) -> None:
     PreparedPart(part, sample_edges(part)).save(tmp_path / "parts" / "wedge")
     assert PreparedPart.load(tmp_path / "parts" / "wedge", mesh).part.path == mesh
     mesh.write_bytes(ply(box()))
-    with pytest.raises(PreparationError, match=r"another mesh than .*wedge\.ply; run: acp-lab prepare .*--no-resume"):
+    with pytest.raises(PreparationError, match=r"another mesh than .*wedge\.ply; run: acp-lab prepare .*--no-resume .*--parts"):
         PreparedPart.load(tmp_path / "parts" / "wedge", mesh)
     with pytest.raises(PreparationError, match=r"gone\.ply: the mesh cannot be read"):
         PreparedPart.load(tmp_path / "parts" / "wedge", tmp_path / "gone.ply")
@@ -492,7 +492,7 @@ def test_a_part_where_the_folder_of_parts_is_wanted_and_the_reverse(folder: Path
     with pytest.raises(PreparationError) as caught:
         PreparedPart.load(folder / "box")
     assert str(caught.value) == f"{folder}: is a prepared part itself: --parts is the folder above, {folder.parent}"
-    with pytest.raises(PreparationError, match=f"{folder.parent}: is no part, it holds some: name one of them: {folder}"):
+    with pytest.raises(PreparationError, match=f"parts: is no part, it holds some: name one of them: {folder}"):
         PreparedPart.load(folder.parent)
 
 
