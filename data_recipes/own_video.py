@@ -167,7 +167,8 @@ def _print_next_steps(args: argparse.Namespace, has_pose: bool) -> None:
     out, mesh = quoted(args.out), quoted(args.out / "models" / "obj_000001.ply")
     print(f"acp-lab prepare {mesh} --out PARTS_DIR")
     if not has_pose:
-        print(f"acp-lab track {out} --parts PARTS_DIR --init POSES.csv --out results.csv     # give the start pose")
+        for init, what in (("auto", "find the start pose"), ("POSES.csv", "give the start pose")):
+            print(f"acp-lab track {out} --parts PARTS_DIR --init {init} --out results.csv     # {what}")
         return
     print(f"acp-lab track {out} --parts PARTS_DIR --out results.csv")
     print(

@@ -85,7 +85,8 @@ class TrackOptions:
         if self.dataset is None and self.video is None:
             raise AcpLabError("nothing to track: give a data set, or --video with --mesh, --camera and --init")
         if self.video is None:
-            self._refuse("only goes with --video", mesh=self.mesh, camera=self.camera)
+            why = "only goes with a video or a folder of images, given as --video"
+            self._refuse(why, mesh=self.mesh, camera=self.camera)
         else:
             self._check_video(self.video)
         self._check_outputs()

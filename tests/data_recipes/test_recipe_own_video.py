@@ -41,6 +41,13 @@ def make(bench: Path, *options: str, frames: str = "clip") -> int:
     return main([*given, "--out", str(bench / "out"), *options])
 
 
+def test_without_a_start_pose_it_can_be_found(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert make(bench, *INTRINSICS) == 0
+    said = capsys.readouterr().out
+    assert "--init auto" in said
+    assert "--init POSES.csv" in said
+
+
 def test_the_next_commands_can_be_pasted(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (bench / "clip").rename(bench / "my clip")
     out = str(bench / "my set")

@@ -223,7 +223,8 @@ def test_the_mesh_it_was_prepared_from_is_recognised(tmp_path: Path) -> None:
     PreparedPart(part, sample_edges(part)).save(tmp_path / "parts" / "wedge")
     assert PreparedPart.load(tmp_path / "parts" / "wedge", mesh).part.path == mesh
     mesh.write_bytes(ply(box()))
-    with pytest.raises(PreparationError, match=r"another mesh than .*wedge\.ply; run: acp-lab prepare .*--no-resume .*--parts"):
+    told = r"another mesh than .*wedge\.ply; run: acp-lab prepare .*--no-resume .*--parts"
+    with pytest.raises(PreparationError, match=told):
         PreparedPart.load(tmp_path / "parts" / "wedge", mesh)
     with pytest.raises(PreparationError, match=r"gone\.ply: the mesh cannot be read"):
         PreparedPart.load(tmp_path / "parts" / "wedge", tmp_path / "gone.ply")
