@@ -19,7 +19,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
 from acp_lab.detection.view_templates import SUBDIVISIONS, make_views
-from acp_lab.errors import PreparationError
+from acp_lab.errors import PreparationError, check_kind
 from acp_lab.files import write_whole
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
@@ -66,6 +66,7 @@ def prepare(
         PartError: the mesh has no edges.
         InputFileError: a file cannot be written, or another program is preparing a part of that name there.
     """
+    check_kind(part, Part, "part", "acp.Part.from_file('bracket.ply')")
     options = options or PrepareOptions()
     if out is None:
         return _prepare(part, options, None, progress)
