@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from acp_lab.tracking.states import StateConfig
 
 
+_IN_PYTHON = "a run made in Python is explained there, by acp.explain(run, frame)"
 _NOT_OURS = "put back what acp-lab track wrote, or remove the file and name the data set with --dataset DIR"
 
 
@@ -128,7 +129,7 @@ def _results_file(source: Path) -> Path:
             return results if results.is_file() else results.with_name(results.name + ".csv")
     raise InputFileError(
         f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
-        "folder (acp-lab track --out results.csv --replay run.rrd)"
+        f"folder (acp-lab track --out results.csv --replay run.rrd); {_IN_PYTHON}"
     )
 
 
@@ -208,7 +209,7 @@ def _tracked(
         dataset = folder / str(tracked["dataset"])
     if dataset is None:
         raise InputFileError(
-            f"{results}: nothing beside it says what was tracked: name the data set with --dataset DIR"
+            f"{results}: nothing beside it says what was tracked: name the data set with --dataset DIR; {_IN_PYTHON}"
         )
     opened = BopDataset(dataset)
     scene = opened.open_scene(scene_id, str(tracked.get("split", "test")))

@@ -113,7 +113,8 @@ def test_a_frame_of_choice(capsys: pytest.CaptureFixture[str], results: Path, tm
 def test_a_replay_is_explained_by_the_results_beside_it(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     play([Replay(results.with_name("run.rrd")), Replay(results.with_name("other.rrd"))])
     assert f"lost since frame {LOSS}" in run(capsys, "explain", results.with_name("run.rrd")).out
-    assert_one_error(run(capsys, "explain", results.with_name("other.rrd")), "other.rrd", "results.csv")
+    outcome = run(capsys, "explain", results.with_name("other.rrd"))
+    assert_one_error(outcome, "other.rrd", "results.csv", "made in Python", "acp.explain(run, frame)")
 
 
 def test_content_counts_not_the_name(capsys: pytest.CaptureFixture[str], results: Path) -> None:
@@ -129,7 +130,7 @@ def test_content_counts_not_the_name(capsys: pytest.CaptureFixture[str], results
 
 def test_results_whose_data_set_is_not_told(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     results.with_name("results.run.json").unlink()
-    assert_one_error(run(capsys, "explain", results), "results.csv", "--dataset")
+    assert_one_error(run(capsys, "explain", results), "results.csv", "--dataset", "acp.explain(run, frame)")
     outcome = run(capsys, "explain", results, "--dataset", sample_dataset())
     assert outcome.status == 0
     assert f"lost since frame {LOSS}" in outcome.out
