@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,8 @@ def test_a_folder_named_after_the_mesh(capsys: pytest.CaptureFixture[str], tmp_p
     assert outcome.status == 0, outcome
     assert outcome.err == ""
     folder = tmp_path / "parts" / "block"
-    assert str(folder) in outcome.out
+    assert re.fullmatch(rf"{folder}: prepared in \d+\.\d s, diameter \d+\.\d mm\n", outcome.out)
+    assert prepare(capsys, tmp_path / "parts", mesh).out.startswith(f"{folder}: was complete, diameter")
     info = json.loads((folder / "part.json").read_text())
     assert "version" in json.dumps(info)
     kinds = {path.suffix for path in folder.iterdir()}
