@@ -183,6 +183,10 @@ def track(
     max_frames: Annotated[
         int | None, typer.Option(min=1, help="Stop after that many frames of each scene.", metavar="N")
     ] = None,
+    first_frame: Annotated[
+        int | None,
+        typer.Option(min=0, help="Start in image N; by default in the first one that has start poses.", metavar="N"),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on after the rows of a run that was stopped.")] = False,
 ) -> None:
     """Track prepared parts through a data set or a video."""
@@ -212,6 +216,7 @@ def track(
         threads=threads,
         max_frames=max_frames,
         resume=resume,
+        first_frame=first_frame,
     )
     from acp_lab.commands.track_run import track_parts
 
@@ -221,7 +226,11 @@ def track(
 @app.command()
 def detect(
     source: Annotated[
-        Path, typer.Argument(help="A data set in the BOP layout, or one image.", metavar="DATASET|IMAGE")
+        Path,
+        typer.Argument(
+            help="A data set in the BOP layout, an image, a video, or a folder of images.",
+            metavar="DATASET|IMAGE|VIDEO",
+        ),
     ],
     *,
     parts: PartsDir,
@@ -239,10 +248,12 @@ def detect(
         tuple[float, float] | None,
         typer.Option(help="Nearest and farthest distance of the part; 250 to 1200 mm.", metavar="MIN MAX"),
     ] = None,
-    camera: Annotated[Path | None, typer.Option(help="With an image: its camera.", metavar="CAMERA.json")] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="With images or a video: their camera.", metavar="CAMERA.json")
+    ] = None,
     mesh: Annotated[
         Path | None,
-        typer.Option(help="With an image: the part; by default the only one in PARTS_DIR.", metavar="MESH"),
+        typer.Option(help="With images or a video: the part; by default the only one in PARTS_DIR.", metavar="MESH"),
     ] = None,
     threads: Annotated[int, typer.Option(min=1, help="CPU threads.", metavar="N")] = 1,
 ) -> None:

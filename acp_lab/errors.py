@@ -6,6 +6,8 @@ the command line prints it after `error:` and exits with status 2.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 class AcpLabError(Exception):
     """Base of all errors raised on purpose by this package."""
@@ -41,3 +43,13 @@ class SequenceError(AcpLabError):
 
 class TrackingError(AcpLabError):
     """A tracker was asked for something it cannot do."""
+
+
+def check_kind(value: object, kind: type, name: str, fix: str) -> None:
+    """ParameterError, ending in `fix`, for an argument of another kind, such as the path of a file for what it holds.
+
+    name: of the argument; fix: the call that makes the right object.
+    """
+    if not isinstance(value, kind):
+        shown = f" {str(value)[:80]!r}" if isinstance(value, str | Path) else ""
+        raise ParameterError(f"{name} is a {type(value).__name__}{shown}, no {kind.__name__}: give {fix}")

@@ -19,7 +19,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
 from acp_lab.detection.view_templates import SUBDIVISIONS, make_views
-from acp_lab.errors import PreparationError
+from acp_lab.errors import PreparationError, check_kind
 from acp_lab.files import write_whole
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
@@ -27,6 +27,7 @@ from acp_lab.generator.templates import build_templates
 from acp_lab.generator.two_at_a_time import two_at_a_time
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.locks import only_writer
+from acp_lab.pasted import quoted
 from acp_lab.prepared_part import (
     FORMAT_VERSION,
     UNSEALED_VERSION,
@@ -65,6 +66,7 @@ def prepare(
         PartError: the mesh has no edges.
         InputFileError: a file cannot be written, or another program is preparing a part of that name there.
     """
+    check_kind(part, Part, "part", "acp.Part.from_file('bracket.ply')")
     options = options or PrepareOptions()
     if out is None:
         return _prepare(part, options, None, progress)
@@ -138,12 +140,12 @@ def _stored(part: Part, folder: Path, options: PrepareOptions) -> PreparedPart |
     """What a folder holds of this very part; None to start anew."""
     if not options.resume or not (folder / "part.json").exists():
         return None
-    command = f"run: acp-lab prepare {part.path or 'MESH'} --out {folder.parent}"
+    command = f"run: acp-lab prepare {quoted(part.path or 'MESH')} --out {quoted(folder.parent)}"
     header = read_header(folder, command)
     if header["mesh"]["sha256"] != part.sha256:
         raise PreparationError(
             f"{folder}: holds a part prepared from another mesh of the same name; "
-            "give --no-resume to prepare it anew, or rename the mesh"
+            "give another --out to keep both, --no-resume to replace it, or rename the mesh"
         )
     if header["version"] == UNSEALED_VERSION:
         add_checksums(folder, header, FORMAT_VERSION)

@@ -19,6 +19,7 @@ import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.camera import Camera
+from acp_lab.pasted import quoted
 from acp_lab.sequences import pixel_coding
 from acp_lab.sequences.image_file import image_damage
 from data_recipes.archives import Source, open_sources
@@ -96,7 +97,8 @@ def convert(args: argparse.Namespace, find: Callable[[Source, argparse.Namespace
                 model = found.models[track.object_id]
                 write_track(root / "test" / f"{number:06d}", track, model)
                 print(_described(number, track, model))
-    print(f"{out}: written; acp-lab prepare {out}/models/*.ply --out PARTS_DIR, then acp-lab track {out}")
+    models = f"{quoted(out / 'models')}/*.ply"
+    print(f"{out}: written; acp-lab prepare {models} --out PARTS_DIR, then acp-lab track {quoted(out)}")
 
 
 def write_track(folder: Path, track: Track, model: Model) -> None:

@@ -30,6 +30,7 @@ from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.pasted import quoted
 from acp_lab.sequences.calibration import (
     DICTIONARIES,
     Board,
@@ -163,15 +164,16 @@ def _check_pose(cam_T_obj: FloatArray, corners_obj: FloatArray, camera: Camera, 
 
 
 def _print_next_steps(args: argparse.Namespace, has_pose: bool) -> None:
-    out = args.out
-    print(f"acp-lab prepare {out}/models/obj_000001.ply --out PARTS_DIR")
+    out, mesh = quoted(args.out), quoted(args.out / "models" / "obj_000001.ply")
+    print(f"acp-lab prepare {mesh} --out PARTS_DIR")
     if not has_pose:
-        print(f"acp-lab track {out} --parts PARTS_DIR --init POSES.csv --out results.csv     # give the start pose")
+        for init, what in (("auto", "find the start pose"), ("POSES.csv", "give the start pose")):
+            print(f"acp-lab track {out} --parts PARTS_DIR --init {init} --out results.csv     # {what}")
         return
     print(f"acp-lab track {out} --parts PARTS_DIR --out results.csv")
     print(
-        f"acp-lab track --video {args.frames} --mesh {out}/models/obj_000001.ply --camera {out}/CAMERA.json "
-        f"--init {out}/POSE.json --parts PARTS_DIR --out results.csv"
+        f"acp-lab track --video {quoted(args.frames)} --mesh {mesh} --camera {quoted(args.out / 'CAMERA.json')} "
+        f"--init {quoted(args.out / 'POSE.json')} --parts PARTS_DIR --out results.csv"
     )
 
 

@@ -15,7 +15,7 @@ PACKAGE = Path(acp_lab.__file__).parent
 # From the bottom up; names in one row may import each other.
 LAYERS = (
     ("errors",),
-    ("compiled", "files", "input_file", "locks", "machine", "quiet"),
+    ("compiled", "files", "input_file", "locks", "machine", "pasted", "quiet"),
     ("sample",),
     ("geometry",),
     ("imaging",),

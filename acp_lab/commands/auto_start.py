@@ -28,14 +28,17 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
     Raises:
         SequenceError: an object is found in none of them.
     """
+    from acp_lab.detection.config import DetectionConfig
     from acp_lab.tracking.find import Finder
     from acp_lab.tracking.first_pose import FirstPose
 
     missing = {object_id: FirstPose(Finder(model)) for object_id, model in models.items()}
     starts = list[FoundStart]()
+    frames = 0
     for frame in sequence.frames(FRAMES_TO_TRY):
         if not missing:
             break
+        frames += 1
         interrupt.check()
         looked = {object_id: search.look(frame) for object_id, search in missing.items()}
         poses = {object_id: pose for object_id, pose in looked.items() if pose is not None}
@@ -44,10 +47,11 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
             console.note(f"scene {sequence.scene_id}: found in image {frame.index}: object {_listed(poses)}")
         missing = {object_id: search for object_id, search in missing.items() if object_id not in poses}
     if missing:
+        near, far = DetectionConfig().depth_mm
         raise SequenceError(
-            f"--init auto: object {_listed(missing)} is not found in the first {FRAMES_TO_TRY} frames of "
-            f"{sequence.name}: give start poses by --init, which notebook 10 sets with the mouse, or look at what "
-            "acp-lab detect makes of them"
+            f"--init auto: object {_listed(missing)} is not found in the first {frames} frames of {sequence.name}, "
+            f"{near:g} to {far:g} mm from the camera: give start poses by --init, which notebook 10 sets with the "
+            "mouse, or look at what acp-lab detect finds, elsewhere by --depth-mm"
         )
     return starts
 

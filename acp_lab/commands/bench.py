@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from acp_lab.tracking.method import Method
 
 MOST_SEEDS = 1000
+NOTHING_TO_COMPARE = "no frame but the first has truth: nothing to compare: add truth to scene_gt.json"
 _REPLAY_MB = 30.0
 # Per method and per page: a page should open at once.
 _MOST_THUMBNAILS, _MOST_REPLAYS = 3, 8
@@ -109,6 +110,8 @@ def run_bench(options: BenchOptions) -> None:
         raise ParameterError("nothing to compare: give --methods, or --results-from")
     _check_names(methods, outside)
     sequences = {name: _sequences(root, options.split) for name, root in roots.items()}
+    if not any(_has_later_truth(root, options.split) for root in roots.values()):  # before parts take minutes
+        raise InputFileError(f"{next(iter(roots.values()))}: {NOTHING_TO_COMPARE}")
     parts = options.parts or options.out / "parts"
     with only_writer(options.out / "bench.csv", "this bench"):
         spread = Spread(options.jobs, options.scheduler)
@@ -117,7 +120,7 @@ def run_bench(options: BenchOptions) -> None:
         tasks = _tasks(roots, sequences, methods, variants, parts, options.split)
         runs = _run(tasks, options) + outside
         if not any(len(run.frame_ids) for run in runs):
-            raise InputFileError(f"{next(iter(roots.values()))}: no frame but the first has truth: nothing to compare")
+            raise InputFileError(f"{next(iter(roots.values()))}: {NOTHING_TO_COMPARE}")
         report = Report.of(runs, f"{cpu_model()}, {cores()} cores; one thread per run")
         report.write(options.out, options.results_from)
         _write_page(report, roots, tasks, options)
@@ -131,6 +134,22 @@ def _sequences(root: Path, split: str) -> list[SequenceKey]:
     if not found:
         raise InputFileError(f"{root / split}: no first frame has truth: nothing to start from")
     return found
+
+
+def _has_later_truth(root: Path, split: str) -> bool:
+    """Whether any image of a data set, beside the first of each scene, has truth."""
+    from acp_lab.sequences.bop import BopDataset, image_files
+    from acp_lab.sequences.scene_truth import instance_truths
+
+    dataset = BopDataset(root)
+    folders = (dataset.scene_folder(scene_id, split) for scene_id in dataset.scenes(split))
+    return any(
+        truth.in_frame(frame_id)
+        for folder in folders
+        for instances in instance_truths(folder / "scene_gt.json").values()
+        for truth in instances
+        for frame_id in list(image_files(folder))[1:]
+    )
 
 
 def _check_names(methods: Sequence[Method | str], outside: list[Run]) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from acp_lab.errors import InputFileError
+from acp_lab.pasted import quoted
 
 if TYPE_CHECKING:
     from acp_lab.sequences.bop import BopScene
@@ -48,7 +49,7 @@ def run_demo(out: Path) -> None:
     print(summary)
     print(f"on one thread of {cpu_model()}\n")
     print(f"{options.out}: poses in the BOP format; results.run.json beside it tells how they came about")
-    print(f"{options.replay}: the replay; look at it with acp-lab replay {options.replay}")
+    print(f"{options.replay}: the replay; look at it with acp-lab replay {quoted(options.replay)}")
     print(f"{picture.path}: one picture of the run")
 
 

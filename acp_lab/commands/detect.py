@@ -1,4 +1,4 @@
-"""`acp-lab detect`: hypotheses of where parts are, in a data set or one image, as results and as a picture."""
+"""`acp-lab detect`: hypotheses of where parts are, in a data set, an image or a video, as results and as a picture."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +16,12 @@ import numpy as np
 from acp_lab.commands import console, interrupt
 from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own
 from acp_lab.errors import AcpLabError, GeometryError, InputFileError, PreparationError, SequenceError
+from acp_lab.pasted import quoted
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 
 if TYPE_CHECKING:
     from acp_lab.geometry.arrays import ByteImage
+    from acp_lab.geometry.camera import Camera
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset, BopScene
     from acp_lab.tracking.find import Detection
@@ -35,8 +38,8 @@ class DetectOptions:
     """What to find, and where: the one argument of `acp-lab detect`.
 
     Attributes:
-        source: a data set in the BOP layout, or one image.
-        camera: of the image, as a file; mesh: the part in the image, by default the only one in `parts`.
+        source: a data set in the BOP layout, an image, or with `camera` a video or a folder of images.
+        camera: of the images, as a file; mesh: the part in them, by default the only one in `parts`.
         scenes: of the data set; empty means all. step: every so manyth frame.
         top: hypotheses per frame and object at most. depth_mm: nearest and farthest.
 
@@ -61,16 +64,15 @@ class DetectOptions:
             if not (math.isfinite(near) and math.isfinite(far) and 0.0 < near <= far):
                 raise AcpLabError(f"--depth-mm {near:g} {far:g}: give two distances, 0 < nearest <= farthest")
         if not self.source.exists():
-            raise InputFileError(f"{self.source}: no such data set or image: check the path")
-        if self.is_image:
-            if self.camera is None:
-                raise AcpLabError(f"{self.source}: an image needs its camera: give --camera CAMERA.json")
-            if self.scenes:
-                raise SequenceError(f"--scene {self.scenes[0]}: an image has no scenes: leave it out")
-        else:
+            raise InputFileError(f"{self.source}: no such data set, image or video: check the path")
+        if self.is_data_set:
             for name, path in (("camera", self.camera), ("mesh", self.mesh)):
                 if path is not None:
-                    raise AcpLabError(f"--{name} {path}: only goes with an image: leave it out")
+                    raise AcpLabError(f"--{name} {path}: only goes with an image, a video or a folder: leave it out")
+        elif self.camera is None:
+            raise AcpLabError(f"{self.source}: images need their camera: give --camera CAMERA.json")
+        elif self.scenes:
+            raise SequenceError(f"--scene {self.scenes[0]}: images and videos have no scenes: leave it out")
         for path, start, kind in ((self.out, HEADER_START, "results"), (self.picture, PICTURE_START, "a picture")):
             if path.is_dir():
                 raise InputFileError(f"{path}: is a folder: --out needs a file name")
@@ -83,9 +85,9 @@ class DetectOptions:
             )
 
     @property
-    def is_image(self) -> bool:
-        """Whether the source is one image."""
-        return self.source.is_file()
+    def is_data_set(self) -> bool:
+        """Whether the source is a data set: a folder of scenes, and not of images alone."""
+        return self.source.is_dir() and (self.camera is None or (self.source / self.split).is_dir())
 
     @property
     def picture(self) -> Path:
@@ -110,7 +112,7 @@ def detect_parts(options: DetectOptions) -> None:
     from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
     from acp_lab.tracking.find import Finder
 
-    jobs = _image_jobs(options) if options.is_image else _scene_jobs(options)
+    jobs = _scene_jobs(options) if options.is_data_set else [_own_job(options)]
     config = None if options.depth_mm is None else DetectionConfig(depth_mm=options.depth_mm)
     finders = {
         model.part.name: Finder(model, config)
@@ -168,15 +170,18 @@ def _scene_jobs(options: DetectOptions) -> list[DetectJob]:
 
 def _objects(dataset: BopDataset, scene: BopScene, options: DetectOptions) -> list[int]:
     """The ids that a scene's truth names, no more of it; without truth those whose part is prepared."""
+    from acp_lab.prepared_part import check_holds_parts
+
     if scene.ground_truth is not None:
         named = {i for frame_id in scene.frame_ids for i in scene.ground_truth.in_frame(frame_id)}
         if named:
             return sorted(named)
     prepared = [i for i in dataset.models() if (options.parts / dataset.part_path(i).stem / "part.json").is_file()]
     if not prepared:
+        check_holds_parts(options.parts)
         raise PreparationError(
             f"{options.parts}: holds none of the parts of {options.source}; "
-            f"run: acp-lab prepare {options.source / 'models'}/*.ply --out {options.parts}"
+            f"run: acp-lab prepare {quoted(options.source / 'models')}/*.ply --out {quoted(options.parts)}"
         )
     return prepared
 
@@ -186,31 +191,49 @@ def _every(scene: BopScene, step: int) -> Iterator[Frame | UnreadableFrame]:
         yield scene.frame(frame_id)
 
 
-def _image_jobs(options: DetectOptions) -> list[DetectJob]:
-    from acp_lab.geometry.camera import Camera, Undistorter
-    from acp_lab.prepared_part import PreparedPart
-    from acp_lab.sequences.image_file import read_rgb
-    from acp_lab.sequences.pixel_coding import PixelCoding
+def _own_job(options: DetectOptions) -> DetectJob:
+    """One's own image, or every so manyth one of a video or a folder."""
+    from acp_lab.geometry.camera import Camera
+    from acp_lab.sequences.image_file import IMAGE_SUFFIXES
+    from acp_lab.sequences.images import open_images
 
     assert options.camera is not None
     camera = Camera.from_json(options.camera)
+    if options.source.is_file() and options.source.suffix.lower() in IMAGE_SUFFIXES:
+        return DetectJob(1, [_image(options.source, camera)], 1, {1: _own_part(options)})
+    images = open_images(options.source, camera)
+    some = islice(images.frames(), 0, None, options.step)
+    return DetectJob(1, some, len(images.frame_ids[:: options.step]), {1: _own_part(options)})
+
+
+def _image(path: Path, camera: Camera) -> Frame:
+    from acp_lab.geometry.camera import Undistorter
+    from acp_lab.sequences.image_file import read_rgb
+    from acp_lab.sequences.pixel_coding import PixelCoding
+
     try:
-        image = Undistorter(camera)(read_rgb(options.source, PixelCoding.beside(options.source.parent)))
+        image = Undistorter(camera)(read_rgb(path, PixelCoding.beside(path.parent)))
     except GeometryError as error:
-        raise InputFileError(f"{options.source}: {error}") from None
+        raise InputFileError(f"{path}: {error}") from None
+    return Frame(0, image, camera.pinhole())
+
+
+def _own_part(options: DetectOptions) -> PreparedPart:
+    """That of the mesh, or the only one there."""
+    from acp_lab.prepared_part import PreparedPart, check_holds_parts
+
     if options.mesh is not None:
-        model = PartShelf(options.parts).part(options.mesh)
-    else:
-        folders = sorted(path.parent for path in options.parts.glob("*/part.json"))
-        if not folders:
-            raise PreparationError(
-                f"{options.parts}: holds no prepared part; run: acp-lab prepare MESH --out {options.parts}"
-            )
-        if len(folders) != 1:
-            names = ", ".join(folder.name for folder in folders)
-            raise AcpLabError(f"{options.parts}: holds {names}: say with --mesh which part the image shows")
-        model = PreparedPart.load(folders[0])
-    return [DetectJob(1, [Frame(0, image, camera.pinhole())], 1, {1: model})]
+        return PartShelf(options.parts).part(options.mesh)
+    folders = sorted(path.parent for path in options.parts.glob("*/part.json"))
+    if not folders:
+        check_holds_parts(options.parts)
+        raise PreparationError(
+            f"{options.parts}: holds no prepared part; run: acp-lab prepare MESH --out {quoted(options.parts)}"
+        )
+    if len(folders) != 1:
+        names = ", ".join(folder.name for folder in folders)
+        raise AcpLabError(f"{options.parts}: holds {names}: say with --mesh which part the images show")
+    return PreparedPart.load(folders[0])
 
 
 def _tile(frame: Frame, drawn: list[tuple[PreparedPart, tuple[Detection, ...]]], title: str) -> ByteImage:

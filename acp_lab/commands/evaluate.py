@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from acp_lab.commands.bench import NOTHING_TO_COMPARE
 from acp_lab.commands.track import check_replaces_own
 from acp_lab.errors import InputFileError
 
@@ -20,6 +21,8 @@ def evaluate_results(dataset: Path, results: Path, split: str = "test", json: Pa
     if json is not None:
         check_replaces_own(json, b'{\n  "objects"', "--json", "an evaluation")
     scores = evaluate(results, BopDataset(dataset), split)
+    if not scores.pooled.frames:
+        raise InputFileError(f"{dataset}: {NOTHING_TO_COMPARE}")
     if json is not None:
         scores.write_json(json)
     print(scores)

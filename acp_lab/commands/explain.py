@@ -7,6 +7,7 @@ results file of the same folder that names it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from acp_lab.tracking.states import StateConfig
 
 
+_IN_PYTHON = "a run made in Python is explained there, by acp.explain(run, frame)"
 _NOT_OURS = "put back what acp-lab track wrote, or remove the file and name the data set with --dataset DIR"
 
 
@@ -65,11 +67,13 @@ def _check_keeps_images(picture: Path, sequence: Sequence | None) -> None:
 
 
 def _verdict(run: TrackRun, object_id: int) -> str:
-    """Whether the part was lost, since when, where it was looked for, and what to do."""
+    """Whether the part was ever good, and lost, since when, where it was looked for, and what to do."""
     from acp_lab.diagnosis.recorded_run import first_loss
     from acp_lab.tracking.result import TrackState
 
     results = run.results[object_id]
+    if not any(result.state is TrackState.TRACKING for result in results):
+        return f"Object {object_id} was good in none of {len(results)} frames."
     lost = first_loss(results)
     if lost is None:
         return f"Object {object_id} was never lost in {len(results)} frames."
@@ -81,7 +85,8 @@ def _verdict(run: TrackRun, object_id: int) -> str:
         again = max(number for number in range(len(results)) if results[number].state is not TrackState.LOST) + 1
         told = (
             f"Object {object_id} was lost more than once, first from frame {lost} (image {results[lost].frame_id}) on, "
-            f"and is lost since frame {again} (image {results[again].frame_id}) of {len(results)}, start again there."
+            f"and is lost since frame {again} (image {results[again].frame_id}) of {len(results)}, start again there: "
+            f"acp-lab track … --first-frame {results[again].frame_id}."
         )
         first, found = again, None
     elif found is not None:
@@ -91,8 +96,8 @@ def _verdict(run: TrackRun, object_id: int) -> str:
         )
     else:
         told += (
-            ", start again there: with a pose for that image, which notebook 10 sets with the mouse or `acp-lab "
-            "detect` finds."
+            f", start again there: acp-lab track … --first-frame {results[lost].frame_id}, with --init auto, or with a "
+            "pose for that image, which notebook 10 sets with the mouse."
         )
     searches = [result for result in results[first:found] if result.sought is not None]
     if searches:
@@ -113,7 +118,7 @@ def _results_file(source: Path) -> Path:
     """The results file itself, or the one beside a replay whose run wrote both."""
     from acp_lab.display.replay.file import check_replay
 
-    if source.suffix.lower() != ".rrd":
+    if not _is_replay(source):
         return source
     check_replay(source)
     for path in sorted(source.resolve().parent.glob("*.run.json")):
@@ -124,8 +129,19 @@ def _results_file(source: Path) -> Path:
             return results if results.is_file() else results.with_name(results.name + ".csv")
     raise InputFileError(
         f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
-        "folder (acp-lab track --out results.csv --replay run.rrd)"
+        f"folder (acp-lab track --out results.csv --replay run.rrd); {_IN_PYTHON}"
     )
+
+
+def _is_replay(source: Path) -> bool:
+    """By what it holds; by its name where that tells nothing, or there is no such file."""
+    from acp_lab.commands.track import HEADER_START
+
+    start = b""
+    if source.is_file():  # a pipe would never end
+        with suppress(OSError), source.open("rb") as file:
+            start = file.read(len(HEADER_START))
+    return start.startswith(b"RRF") or (start != HEADER_START and source.suffix.lower() == ".rrd")
 
 
 def _run(results: Path, options: ExplainOptions) -> TrackRun:
@@ -193,7 +209,7 @@ def _tracked(
         dataset = folder / str(tracked["dataset"])
     if dataset is None:
         raise InputFileError(
-            f"{results}: nothing beside it says what was tracked: name the data set with --dataset DIR"
+            f"{results}: nothing beside it says what was tracked: name the data set with --dataset DIR; {_IN_PYTHON}"
         )
     opened = BopDataset(dataset)
     scene = opened.open_scene(scene_id, str(tracked.get("split", "test")))

@@ -10,7 +10,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -63,10 +63,9 @@ def prepare_parts(
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
     if spread.is_alone(len(parts)):
         for part in parts:
-            start = time.perf_counter()
             with Progress(f"{part.name}: ") as progress:
-                prepare(part, options, out=out, progress=progress)
-            _tell(out / part.name, time.perf_counter() - start)
+                said = _prepared(part, options, out, progress)
+            _tell(out / part.name, said)
     else:
         _prepare_elsewhere(meshes, out, options or PrepareOptions(), unit, spread)
     # Its loops are compiled when it is first imported on a machine: now, not before somebody's first frame.
@@ -80,27 +79,37 @@ def _prepare_elsewhere(
     asked = {str(mesh): json.dumps({**job, "mesh": os.path.abspath(mesh)}) for mesh in dict.fromkeys(meshes)}
     with Progress() as progress:
         done = each(prepare_mesh, asked, workers=spread.workers, scheduler=spread.scheduler)
-        for number, (name, seconds) in enumerate(done, start=1):
+        for number, (name, said) in enumerate(done, start=1):
             interrupt.check()
-            _tell(out / Path(name).stem, float(seconds))
+            _tell(out / Path(name).stem, said)
             progress("parts", number, len(asked))
 
 
 def prepare_mesh(text: str) -> str:
-    """Prepare the mesh of a JSON text; the seconds that it took, as text. What a worker process is asked for.
+    """Prepare the mesh of a JSON text; what to say of it. What a worker process is asked for.
 
     Raises AcpLabError as `preparation.prepare`.
     """
     job = json.loads(text)
     limit_threads(job["threads"])
-    start = time.perf_counter()
     part = read_part(Path(job["mesh"]), job["unit"])
-    prepare(part, PrepareOptions.from_json(job["options"]), out=Path(job["out"]))
-    return str(time.perf_counter() - start)
+    return _prepared(part, PrepareOptions.from_json(job["options"]), Path(job["out"]))
 
 
-def _tell(folder: Path, seconds: float) -> None:
-    print(f"{folder}: prepared in {seconds:.1f} s", flush=True)
+def _prepared(
+    part: Part, options: PrepareOptions | None, out: Path, progress: Callable[[str, int, int], None] | None = None
+) -> str:
+    """Prepare a part; in words what was done, and its size, which shows a wrong unit."""
+    header, start = part_folder(out, part.name) / "part.json", time.perf_counter()
+    before = header.stat().st_mtime_ns if header.exists() else None
+    prepare(part, options, out=out, progress=progress)
+    was_complete = before == header.stat().st_mtime_ns  # what is there already is not written again
+    done = "was complete" if was_complete else f"prepared in {time.perf_counter() - start:.1f} s"
+    return f"{done}, diameter {part.diameter:.1f} mm"
+
+
+def _tell(folder: Path, said: str) -> None:
+    print(f"{folder}: {said}", flush=True)
 
 
 def _check_places(meshes: Sequence[Path], out: Path) -> None:

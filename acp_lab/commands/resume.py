@@ -25,7 +25,7 @@ from acp_lab.sequences.protocol import Sequence as Frames
 from acp_lab.sequences.rest import RestOfSequence
 from acp_lab.sequences.results_csv import ResultRow, rows_with_ends, run_info_path
 
-ANEW = "run without --resume"
+ANEW = "give --out another name, or run without --resume, which replaces these rows"
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,8 @@ def resumption(
     for job in jobs:
         if not job.sequence.frame_ids:
             raise SequenceError(
-                f"{job.sequence.name}: cannot be resumed, it does not say how many frames it has: {ANEW}"
+                f"{job.sequence.name}: cannot be resumed, it does not say how many frames it has: leave --resume out, "
+                "and give --out another name"
             )
     if not results.exists():
         return None

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from acp_lab.commands import console
 from acp_lab.errors import AcpLabError, InputFileError, SequenceError
 from acp_lab.input_file import check_regular
 
@@ -29,7 +30,8 @@ HEADER_START = b"scene_id,im_id,"
 class TrackOptions:
     """What to track, from where and how: the one argument of `acp-lab track`.
 
-    Empty `scenes` and `objects` mean all; `init` None means truth, `method` None the default one.
+    Empty `scenes` and `objects` mean all; `init` None means truth, `method` None the default one, `first_frame` None
+    the first image, or the first one for which `init` tells start poses.
 
     Raises:
         AcpLabError: options that contradict each other, or files that cannot be written.
@@ -56,6 +58,7 @@ class TrackOptions:
     threads: int = 1
     max_frames: int | None = None
     resume: bool = False
+    first_frame: int | None = None
 
     def __post_init__(self) -> None:
         if self.config is not None and self.method is not None:
@@ -68,6 +71,8 @@ class TrackOptions:
                 raise AcpLabError(f"{option} {value}: give a finite number")
         if self.noise_deg > 180.0:
             raise AcpLabError(f"--init-noise-deg {self.noise_deg:g}: give at most 180 degrees")
+        if self.first_frame is not None and self.init in (None, "gt"):
+            raise AcpLabError(f"--first-frame {self.first_frame}: needs its start pose: give --init a file, or auto")
         if self.replay is None and self.replay_iterations != "off":
             raise AcpLabError(f"--replay-iterations {self.replay_iterations}: only goes with --replay: leave it out")
         if self.replay_max_mb is not None:
@@ -80,10 +85,16 @@ class TrackOptions:
         if self.dataset is None and self.video is None:
             raise AcpLabError("nothing to track: give a data set, or --video with --mesh, --camera and --init")
         if self.video is None:
-            self._refuse("only goes with --video", mesh=self.mesh, camera=self.camera)
+            why = "only goes with a video or a folder of images, given as --video"
+            self._refuse(why, mesh=self.mesh, camera=self.camera)
         else:
             self._check_video(self.video)
         self._check_outputs()
+        if self.replay is not None and self.replay.suffix.lower() != ".rrd":
+            raise InputFileError(
+                f"{self.replay}: --replay writes .rrd only: name it {self.replay.with_suffix('.rrd').name} (a film is "
+                "made of it by acp-lab replay --mp4)"
+            )
 
     def _check_video(self, video: Path) -> None:
         for option, value in (("--mesh", self.mesh), ("--camera", self.camera), ("--init", self.init)):
@@ -177,7 +188,12 @@ class PartShelf:
         if mesh not in self._loaded:
             if not mesh.is_file():
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
-            self._loaded[mesh] = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
+            loaded = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
+            if loaded.lacks:
+                console.warn(
+                    f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.prepare_command}"
+                )
+            self._loaded[mesh] = loaded
         return self._loaded[mesh]
 
 
@@ -194,14 +210,32 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
     scenes = [dataset.open_scene(scene_id, options.split) for scene_id in ids]
     if options.init == "auto":
         return _found_jobs(options, dataset, scenes, shelf)
-    starts = {scene.scene_id: _start_poses(options, scene) for scene in scenes}
+    sequences = [_from_first_start(options, scene) for scene in scenes]
+    starts = [_start_poses(options, sequence) for sequence in sequences]
     jobs = []
-    for scene in scenes:
-        chosen = _chosen(options.objects, starts[scene.scene_id])
+    for sequence, poses in zip(sequences, starts, strict=True):
+        chosen = _chosen(options.objects, poses)
         if chosen:
-            jobs.append(_job(options, scene, _meshes(dataset, chosen), chosen, shelf))
-    _check_all_found(options.objects, starts.values())
+            jobs.append(_job(options, sequence, _meshes(dataset, chosen), chosen, shelf))
+    _check_all_found(options.objects, starts)
     return tuple(jobs)
+
+
+def _from_first_start(options: TrackOptions, sequence: Sequence) -> Sequence:
+    """The sequence from --first-frame on, or from the first image for which --init tells start poses."""
+    from acp_lab.sequences import first_start
+    from acp_lab.sequences.rest import RestOfSequence
+
+    first, init = options.first_frame, Path(options.init or "")
+    if first is None:
+        tells_images = options.init not in (None, "gt", "auto") and (not options.video or init.suffix.lower() == ".csv")
+        if not tells_images or not sequence.frame_ids:  # a live camera announces none: from its first on
+            return sequence
+        first = first_start(init, sequence.scene_id, sequence.frame_ids)
+        if first == sequence.frame_ids[0]:
+            return sequence
+        console.note(f"scene {sequence.scene_id}: starts in image {first}, the first with start poses in {init}")
+    return RestOfSequence(sequence, first)
 
 
 def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob:
@@ -211,14 +245,16 @@ def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob
     assert options.mesh is not None
     assert options.camera is not None
     assert options.init is not None
-    sequence = open_images(video, Camera.from_json(options.camera))
+    images = open_images(video, Camera.from_json(options.camera))
     if options.init == "auto":
-        return _job_found(options, sequence, {1: options.mesh}, shelf)[0]
+        return _job_found(options, images, {1: options.mesh}, shelf)[0]
+    sequence = _from_first_start(options, images)
     init = Path(options.init)
     if init.suffix.lower() == ".csv":
-        poses = start_poses(init, sequence.scene_id, 0)
+        first = next(iter(sequence.frame_ids), 0)
+        poses = start_poses(init, sequence.scene_id, first)
         if 1 not in poses:
-            raise SequenceError(f"{init}: no row for scene 1, image 0, object 1: a video shows object 1")
+            raise SequenceError(f"{init}: no row for scene 1, image {first}, object 1: a video shows object 1")
         starts = {1: poses[1]}
     else:
         starts = {1: read_pose(init)}
@@ -251,6 +287,7 @@ def _job_found(
     from acp_lab.sequences.rest import RestOfSequence
 
     models = {object_id: shelf.part(mesh) for object_id, mesh in meshes.items()}
+    sequence = _from_first_start(options, sequence)
     return [
         _job(options, RestOfSequence(sequence, start.frame_id), {i: meshes[i] for i in start.poses}, start.poses, shelf)
         for start in find_starts(sequence, models)

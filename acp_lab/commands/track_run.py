@@ -20,6 +20,7 @@ from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
 from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.machine import short_collections
+from acp_lab.pasted import quoted
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import Method
@@ -95,7 +96,11 @@ class Reporter:
 
 @dataclass
 class ObjectSummary:
-    """What a run said about one object of one scene; prints as one line."""
+    """What a run said about one object of one scene; prints as one line.
+
+    bad_since: the image from which on it is not `tracking`, None while it is. first_lost: of the stretch in which it
+    was lost first, as `acp-lab explain` counts.
+    """
 
     scene_id: int
     object_id: int
@@ -106,18 +111,28 @@ class ObjectSummary:
     states: Counter[str] = field(default_factory=Counter)
     unreadable: int = 0
     first_lost: int | None = None
+    bad_since: int | None = None
 
     def add(self, im_id: int, state: TrackState, is_unreadable: bool) -> None:
         """Count a frame."""
         self.states[str(state)] += 1
+        if state is TrackState.TRACKING:
+            self.bad_since = None
+        elif self.bad_since is None:
+            self.bad_since = im_id
         if state is TrackState.LOST and self.first_lost is None:
-            self.first_lost = im_id
+            self.first_lost = self.bad_since
         self.unreadable += is_unreadable
 
     def add_seen(self, time_s: float, quality: float) -> None:
         """Take in a frame that was read."""
         self.times_s.append(time_s)
         self.qualities.append(quality)
+
+    @property
+    def was_good(self) -> bool:
+        """Whether the part was ever `tracking`."""
+        return self.states[str(TrackState.TRACKING)] > 0
 
     @property
     def time_s_median(self) -> float:
@@ -128,7 +143,7 @@ class ObjectSummary:
         frames = f"{sum(self.states.values())} frames{self.size}"
         states = ", ".join(f"{count} {state}" for state, count in self.states.most_common())
         if self.first_lost is not None:
-            states += f"; first lost in image {self.first_lost}"
+            states += f"; first lost from image {self.first_lost} on"
         if self.unreadable:
             states += f"; {self.unreadable} not readable"
         quality = f"{median(self.qualities):.2f}" if self.qualities else "-"
@@ -181,16 +196,17 @@ def track_parts(options: TrackOptions) -> None:
     print(f"{options.out}: written{_next_after_loss(summary, options.out)}")
     if options.replay is not None and summary.objects:
         lacks = f" ({summary.replay_lacks})" if summary.replay_lacks else ""
-        print(f"{options.replay}: written{lacks}; acp-lab replay {options.replay} shows it")
+        print(f"{options.replay}: written{lacks}; acp-lab replay {quoted(options.replay)} shows it")
 
 
 def _next_after_loss(summary: RunSummary, out: Path) -> str:
-    """The command that explains the first loss; nothing where no part was lost."""
-    lost = next((one for one in summary.objects if one.first_lost is not None), None)
+    """The command that explains the first loss, or that no frame was good; nothing where all went well."""
+    lost = next((one for one in summary.objects if one.first_lost is not None or not one.was_good), None)
     if lost is None:
         return ""
     which = f" --scene {lost.scene_id} --object {lost.object_id}" if len(summary.objects) > 1 else ""
-    return f"; acp-lab explain {out}{which} says why it was lost, and where to start again"
+    why = "it was lost, and where to start again" if lost.was_good else "no frame was good"
+    return f"; acp-lab explain {quoted(out)}{which} says why {why}"
 
 
 def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Observer] = ()) -> RunSummary:

@@ -27,6 +27,7 @@ class Cause(StrEnum):
     DEGENERATE_POINTS = "near-degenerate control points"
     OUTSIDE_IMAGE = "part partly outside the image"
     UNIT_OR_CAMERA = "wrong unit or intrinsics"
+    WRONG_START = "wrong start pose, unit or camera"
 
 
 @dataclass(frozen=True)
@@ -103,14 +104,31 @@ def few_edges(found_share: float, contrast: float, config: DiagnosisConfig) -> F
     return few or _below(Cause.FEW_EDGES, text, advice, contrast, config.contrast)
 
 
-def occlusion(hidden_share: float, config: DiagnosisConfig) -> Finding | None:
-    """Something hides the part."""
+def wrong_start(frames: int) -> Finding:
+    """No frame was good: what the tracker was given is more likely wrong than anything that an image shows."""
+    return Finding(
+        Cause.WRONG_START,
+        f"none of {frames} frames was good, the first one included: the start pose, the unit of the mesh or the camera "
+        "is likely wrong.",
+        "acp-lab track --init auto, which finds the part, or a start pose that is set with the PoseAligner of notebook "
+        "10; check that mesh and start pose are in mm, and fx and fy of this image size",
+        1.0,
+        1.0,
+        100.0,
+    )
+
+
+def occlusion(hidden_share: float, config: DiagnosisConfig, was_good: bool = True) -> Finding | None:
+    """Something hides the part. was_good: ever before; else no setting can bridge it, or spoil what was learnt."""
+    settings = (
+        "; by --config states.patience higher, which bridges short occlusions, and learning.learn_above higher, which "
+        "keeps the tracker from learning the occluder"
+    )
     return _above(
         Cause.OCCLUSION,
         f"{100.0 * hidden_share:.0f}% of the visible edges, in one connected region, are missing or changed colour "
         "on both sides.",
-        "keep the view of the part free; by --config states.patience higher, which bridges short occlusions, and "
-        "learning.learn_above higher, which keeps the tracker from learning the occluder",
+        f"keep the view of the part free{settings if was_good else ''}",
         hidden_share,
         config.hidden_share,
     )

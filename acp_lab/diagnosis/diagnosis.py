@@ -31,6 +31,8 @@ from acp_lab.tracking.confidence import weight_of_evidence
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.session import TrackRun
 
+ELSEWHERE_PERCENT = 10.0
+"""ADD in percent of the diameter above which a pose is beside the part."""
 LOOK_BACK = 6
 """The frame to compare with is one of so many before the problem."""
 
@@ -227,6 +229,7 @@ class _Case:
         self.part = run.parts[object_id]
         self.result = results[frame]
         self.is_bad = not _is_good(self.result, usual, config)
+        self.was_good = any(result.state is TrackState.TRACKING for result in results)
         self.observer = PartObserver(self.part)
 
     def diagnosis(self) -> Diagnosis:
@@ -244,6 +247,8 @@ class _Case:
         own = self.frames.get(self.frame)
         if isinstance(own, UnreadableFrame):
             found.append(causes.unreadable(own.reason))
+        if not self.was_good and not self.start_is_right():
+            found.append(causes.wrong_start(len(self.results)))
         named = sorted((finding for finding in found if finding), key=lambda finding: -finding.severity)
         shown = self.frames.get(number)
         return Diagnosis(
@@ -319,13 +324,20 @@ class _Case:
         if self.is_bad:
             found.append(causes.clutter(evidence.rivals_per_point, evidence.reach_px, config))
         if self.is_bad and is_hidden:
-            found.append(causes.occlusion(share, config))
-        if self.is_bad and few is None and before is not None:
+            found.append(causes.occlusion(share, config, self.was_good))
+        # The quality is that of the tracked pose: elsewhere it fell because of that, whatever the part looks like.
+        elsewhere = self.add_percent() > ELSEWHERE_PERCENT  # False where the truth is unknown
+        if self.is_bad and few is None and before is not None and not elsewhere:
             # Hidden edges lower the quality by their share; the rest of the loss is the look of the visible ones.
             usual = weight_of_evidence(self.usual) * float(rest.mean())
             kept = weight_of_evidence(self.results[self.measured_frame()].quality) / max(usual, 1e-6)
             found.append(causes.appearance(seen, before.found_share, kept, config))
         return found
+
+    def start_is_right(self) -> bool:
+        """Whether the truth says so."""
+        start = self.run.starts.get(self.object_id)
+        return start is not None and PartMetric(self.part).percent(start, self.truth(0)) <= ELSEWHERE_PERCENT
 
     def geometry(self) -> list[Finding | None]:
         """The control points' quad."""

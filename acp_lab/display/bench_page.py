@@ -26,6 +26,7 @@ from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
+from acp_lab.pasted import quoted
 from acp_lab.sequences.bop import BopDataset, BopScene
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.scene_truth import SceneTruth
@@ -116,7 +117,7 @@ def write_page(report: Report, path: Path, pictures: Sequence[Thumbnail], replay
     )
     links = "".join(
         f'<li><a href="{escape(file.relative_to(path.parent).as_posix())}">{escape(told)}</a>: '
-        f"<code>acp-lab replay {escape(str(file))}</code></li>"
+        f"<code>acp-lab replay {escape(quoted(file))}</code></li>"
         for told, file in replays.items()
     )
     head = ("method", "reported @2%", "reported @5%", "here", "@2%", "@5%", "where from")

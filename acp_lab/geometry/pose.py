@@ -182,7 +182,10 @@ def check_rotation(matrix: FloatArray, where: str) -> FloatArray:
 
 def check_pose(matrix: FloatArray, where: str) -> None:
     """GeometryError when a matrix is no pose (4, 4): see `check_rotation`; or its numbers are not finite."""
-    pose = np.asarray(matrix, dtype=np.float64)
+    try:
+        pose = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError):  # the name of a file, for example
+        raise GeometryError(f"{where}: no pose of shape (4, 4): read one with read_pose('POSE.json')") from None
     if pose.shape != (4, 4) or not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)):
         raise GeometryError(f"{where}: no pose of shape (4, 4) that ends in 0 0 0 1: make one with make_pose")
     check_rotation(pose[:3, :3], where)

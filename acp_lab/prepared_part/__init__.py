@@ -14,7 +14,13 @@ Files are written whole or not at all; part.json comes last, names what is compl
 
 from __future__ import annotations
 
-from acp_lab.prepared_part.header import FORMAT_VERSION, UNSEALED_VERSION, part_folder, read_header
+from acp_lab.prepared_part.header import (
+    FORMAT_VERSION,
+    UNSEALED_VERSION,
+    check_holds_parts,
+    part_folder,
+    read_header,
+)
 from acp_lab.prepared_part.integrity import add_checksums
 from acp_lab.prepared_part.model import DEFAULT_EDGE_BREAK_MM, PreparedPart
 from acp_lab.prepared_part.options import GENERATORS, PrepareOptions
@@ -30,6 +36,7 @@ __all__ = [
     "RegionReport",
     "Trained",
     "add_checksums",
+    "check_holds_parts",
     "part_folder",
     "read_header",
 ]

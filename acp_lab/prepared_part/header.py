@@ -95,6 +95,10 @@ def read_header(folder: Path, fix: str) -> dict[str, Any]:
     """
     path = folder / "part.json"
     if not path.exists():
+        check_holds_parts(folder.parent)
+        if any(folder.glob("*/part.json")):
+            names = ", ".join(sorted(str(below.parent) for below in folder.glob("*/part.json")))
+            raise PreparationError(f"{folder}: is no part, it holds some: name one of them: {names}")
         raise PreparationError(f"{folder}: this part is not prepared; {fix}")
     try:
         header = read_json_object(path, fix)
@@ -109,6 +113,12 @@ def read_header(folder: Path, fix: str) -> dict[str, Any]:
             f"{fix} --no-resume"
         )
     return header
+
+
+def check_holds_parts(parts: Path) -> None:
+    """PreparationError for a folder that is a part itself where the folder of parts is wanted."""
+    if (parts / "part.json").exists():
+        raise PreparationError(f"{parts}: is a prepared part itself: --parts is the folder above, {parts.parent}")
 
 
 def symmetries_of(header: Mapping[str, Any]) -> Symmetries:

@@ -24,6 +24,7 @@ from acp_lab.generator.painted.image_generator import AutoencoderGenerator, Poin
 from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.pasted import quoted
 from acp_lab.prepared_part import arrays
 from acp_lab.prepared_part.header import UNSEALED_VERSION, header_of, read_header, sha256_of, withdraw_header
 from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, write_header
@@ -88,6 +89,23 @@ class PreparedPart:
             "templates": () if self.templates is None else self.templates.regions,
             "autoencoder": self.autoencoders.regions,
         }
+
+    @property
+    def lacks(self) -> str:
+        """What was asked for and is not there, as after an interrupted `prepare`, in words; empty for a whole part."""
+        lacking: dict[str, set[int]] = {}
+        for options in self.options.values():
+            trained, what = self.networks.regions, "visibility networks"
+            if options.generator == "autoencoder":
+                trained, what = self.autoencoders.regions, "auto-encoders"
+            elif options.generator == "templates" or options.seed != self.seed:  # networks of another seed are replaced
+                continue
+            lacking.setdefault(what, set()).update(set(options.wanted_regions).difference(trained))
+        return " and ".join(
+            f"{what} of view regions {', '.join(map(str, sorted(regions)))}"
+            for what, regions in lacking.items()
+            if regions
+        )
 
     def best_generator(self) -> RigidGenerator:
         """The learned generator, else the templates.
@@ -164,7 +182,8 @@ class PreparedPart:
         header = read_header(folder, again)
         if mesh is not None and header["mesh"]["sha256"] != sha256_of(mesh, again):
             raise PreparationError(
-                f"{folder / 'part.json'}: prepared from another mesh than {mesh}; {again} --no-resume"
+                f"{folder / 'part.json'}: prepared from another mesh than {mesh}; {again} --no-resume (which replaces "
+                "it), or keep both: prepare into another folder, and give that as --parts"
             )
         if header["version"] == UNSEALED_VERSION:
             raise PreparationError(
@@ -206,4 +225,4 @@ class PreparedPart:
 
 
 def _prepare_command(mesh: Path | None, parts: Path | None) -> str:
-    return f"run: acp-lab prepare {mesh or 'MESH'} --out {parts or 'PARTS_DIR'}"
+    return f"run: acp-lab prepare {quoted(mesh or 'MESH')} --out {quoted(parts or 'PARTS_DIR')}"

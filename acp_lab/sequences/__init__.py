@@ -8,7 +8,7 @@ from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, open_
 from acp_lab.sequences.json_file import read_pose, write_pose
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, read_results, start_poses
+from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, first_start, read_results, start_poses
 
 __all__ = [
     "BopDataset",
@@ -22,6 +22,7 @@ __all__ = [
     "Sequence",
     "UnreadableFrame",
     "VideoFile",
+    "first_start",
     "open_images",
     "open_sequence",
     "read_pose",

@@ -30,6 +30,7 @@ from acp_lab.sequences.protocol import at_most, only_pose
 from acp_lab.sequences.scene_truth import SceneTruth, as_id
 
 _CAMERA_MEND = 'it gives per image {"cam_K": [fx, 0, cx, 0, fy, cy, 0, 0, 1]}'
+_OTHER_STARTS = "give start poses (track --init results.csv), or have them found (--init auto)"
 _IMAGE_FOLDERS = ("rgb", "gray")
 
 
@@ -39,6 +40,10 @@ class BopDataset:
     def __init__(self, root: str | Path) -> None:
         """Raises InputFileError when the folder does not exist."""
         self.root = Path(root)
+        if self.root.is_file():
+            raise InputFileError(
+                f"{self.root}: is a file, no data set: a video is tracked with --video FILE and --camera"
+            )
         if not self.root.is_dir():
             raise InputFileError(f"{self.root}: no such folder: give a data set in the BOP layout")
 
@@ -100,7 +105,10 @@ class BopDataset:
     def _scene_folders(self, split: str) -> dict[int, Path]:
         root = self.root / split
         if not root.is_dir():
-            raise InputFileError(f"{root}: no such folder: it should hold scenes, such as {root / '000001'}")
+            raise InputFileError(
+                f"{root}: no such folder: it should hold scenes, such as {root / '000001'}; a plain folder of images "
+                "goes with --video DIR and --camera"
+            )
         # Sorted, so that of two names for one id (000001 and 1) BOP's own wins.
         folders = {int(path.name): path for path in sorted(root.iterdir(), reverse=True) if _is_scene(path)}
         if not folders:
@@ -191,12 +199,10 @@ class BopScene:
         without."""
         path = self.folder / "scene_gt.json"
         if self.ground_truth is None:
-            raise SequenceError(f"{path}: no such file, so no true start pose: add it, or give start poses")
+            raise SequenceError(f"{path}: no such file, so no true start pose: add it, or {_OTHER_STARTS}")
         poses = self.ground_truth.in_frame(self.frame_ids[0])
         if not poses:
-            raise SequenceError(
-                f"{path}: no pose for the first image, {self.frame_ids[0]}: add it, or give start poses"
-            )
+            raise SequenceError(f"{path}: no pose for the first image, {self.frame_ids[0]}: add it, or {_OTHER_STARTS}")
         return poses
 
     @property

@@ -19,7 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from acp_lab.errors import InputFileError, SequenceError
+from acp_lab.errors import InputFileError, SequenceError, check_kind
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.input_file import check_regular
@@ -212,6 +212,7 @@ def open_images(path: str | Path, camera: Camera) -> ImageFolder | VideoFile | C
 
     A file or folder of that name comes first. Errors as in the three classes.
     """
+    check_kind(camera, Camera, "camera", "acp.Camera.from_json('CAMERA.json')")
     path = Path(path)
     if path.is_dir():
         return ImageFolder(path, camera)

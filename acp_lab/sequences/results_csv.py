@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -203,6 +203,21 @@ def start_poses(path: str | Path, scene_id: int, frame_id: int) -> dict[int, Flo
         if row.obj_id not in best or row.score > best[row.obj_id].score:
             best[row.obj_id] = row
     return {object_id: best[object_id].cam_T_obj for object_id in sorted(best)}
+
+
+def first_start(path: str | Path, scene_id: int, frame_ids: Sequence[int]) -> int:
+    """The earliest of a scene's images for which a results file (POSES.csv) tells start poses.
+
+    Raises InputFileError for a file that is missing or malformed, SequenceError when it tells none.
+    """
+    told = {row.im_id for _, row in _read_lines(Path(path)) if row.scene_id == scene_id}
+    first = min(told.intersection(frame_ids), default=None)
+    if first is None:
+        raise SequenceError(
+            f"{path}: no row for an image of scene {scene_id}, the first of which is {frame_ids[0]}: add the start "
+            "poses of its objects"
+        )
+    return first
 
 
 def _read_rows(path: Path, lines: Iterable[str]) -> list[tuple[int, ResultRow]]:

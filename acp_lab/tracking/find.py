@@ -18,6 +18,7 @@ from acp_lab.detection.detector import Candidate, Detector, judging
 from acp_lab.detection.edge_maps import RESIZE_WORK
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Steps, finish
+from acp_lab.errors import check_kind
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
@@ -63,6 +64,7 @@ class Finder:
 
     def __init__(self, model: PreparedPart, config: DetectionConfig | None = None) -> None:
         """PreparationError when the part has neither templates nor visibility networks."""
+        check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
         self.model = model
         self.detector = Detector(model.part, model.best_generator(), config, model.views)
         self._solver = FrameSolver(model, method_named("acp-edges"))
@@ -81,6 +83,7 @@ class Finder:
 
         prior: looks near a pose only. rival: (4, 4) a pose that competes with what is found, as it is.
         """
+        check_kind(frame, Frame, "frame", "a frame of a sequence, as scene.frame(0), or Frame(index, image, camera)")
         return finish(self.search(frame, top, prior, rival=rival))
 
     def search(

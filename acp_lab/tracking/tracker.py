@@ -10,11 +10,12 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from acp_lab.control_points.view_regions import REGION_COUNT
-from acp_lab.errors import PreparationError, SequenceError, TrackingError
+from acp_lab.errors import PreparationError, SequenceError, TrackingError, check_kind
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import check_pose, transform
@@ -66,6 +67,7 @@ class Tracker:
         Raises PreparationError when the part lacks the generator that the method needs, TrackingError for an
         unknown name.
         """
+        check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
         self.model = model
         self.method = method_named(method) if isinstance(method, str) else method
         self.part = model.part
@@ -119,6 +121,7 @@ class Tracker:
             PreparationError: it is seen from a view region that the method's generator was not trained for.
         """
         begin_s, clock = time.perf_counter(), Stopwatch()
+        check_kind(frame, Frame, "frame", "a frame of a sequence, as scene.frame(0), or Frame(index, image, camera)")
         check_pose(cam_T_obj, f"{self.part.name}: the start pose")
         self._forget()
         self.solver.records_steps = self.records_steps
@@ -229,6 +232,9 @@ class Tracker:
 
         Raises SequenceError where the sequence has several objects and none was named; else as `follow_sequence`.
         """
+        if isinstance(sequence, str | Path):
+            raise SequenceError(f"{sequence}: is a path, no sequence: give acp.open_sequence or acp.open_images of it")
+        check_pose(start, f"{self.part.name}: the start pose")  # before observers replace their files
         ids = sequence.object_ids or (1,)
         if object_id is None and len(ids) > 1:
             raise SequenceError(

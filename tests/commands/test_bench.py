@@ -152,6 +152,16 @@ def test_a_data_set_without_truth_is_one_line(
     assert_one_error(run(capsys, *words), "no first frame has truth")
 
 
+def test_truth_of_the_first_frame_alone_is_told_before_parts_are_prepared(
+    capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path
+) -> None:
+    truth = dataset / "test" / "000001" / "scene_gt.json"
+    edit_json(truth, lambda poses: [poses.pop(str(frame_id)) for frame_id in FRAME_IDS[1:]])
+    outcome = run(capsys, "bench", dataset, "--methods", "acp", "--out", tmp_path / "bench")
+    assert_one_error(outcome, dataset, "no frame but the first has truth")
+    assert not (tmp_path / "bench").exists()
+
+
 def test_a_name_that_is_a_method_and_a_file(
     capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
 ) -> None:

@@ -96,6 +96,18 @@ def test_one_image(capsys: pytest.CaptureFixture[str], few_frames: Path, sample_
     assert error_share(row.cam_T_obj, frame_id) < 0.05
 
 
+def test_a_folder_of_images(
+    capsys: pytest.CaptureFixture[str], few_frames: Path, sample_parts: Path, tmp_path: Path
+) -> None:
+    sample_scene().camera(0).to_json(tmp_path / "CAMERA.json")
+    words = (few_frames / "test/000001/rgb", "--parts", sample_parts, "--out", tmp_path / "found.csv", "--step", "2")
+    outcome = run(capsys, "detect", *words, "--camera", tmp_path / "CAMERA.json", "--top", "1")
+    assert outcome.status == 0, outcome
+    assert "of 2 frames" in outcome.out
+    assert {row.im_id for row in read_results(tmp_path / "found.csv")} <= {0, 2}
+    assert_one_error(run(capsys, "detect", tmp_path / "no.mp4", *words[1:]), "no.mp4: no such data set, image or video")
+
+
 def test_track_from_where_it_is_found(
     capsys: pytest.CaptureFixture[str], few_frames: Path, sample_parts: Path, tmp_path: Path
 ) -> None:
@@ -114,7 +126,8 @@ def test_track_finds_nothing(
     for path in (root / "test/000001/rgb").iterdir():
         assert cv2.imwrite(str(path), np.full((512, 640, 3), 90, np.uint8))
     outcome = run(capsys, "track", root, "--parts", sample_parts, "--out", tmp_path / "r.csv", "--init", "auto")
-    assert_one_error(outcome, "--init auto", "object 1", "acp-lab detect")
+    told = "--init auto: object 1 is not found in the first 4 frames", "250 to 1200 mm", "acp-lab detect"
+    assert_one_error(outcome, *told)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +167,11 @@ def test_bad_sources(capsys: pytest.CaptureFixture[str], dataset: Path, parts: P
     assert_one_error(run(capsys, "detect", image, *fixed), image, "--camera")
     assert_one_error(run(capsys, "detect", image, *fixed, *camera), parts, "obj_000001, obj_000004", "--mesh")
     assert_one_error(run(capsys, "detect", tmp_path / "camera.json", *fixed, *camera), "camera.json")
-    assert_one_error(run(capsys, "detect", dataset, "--parts", tmp_path, "--out", out), "acp-lab prepare")
+    command = f"obj_000001.ply --out '{tmp_path / 'my parts'}'"
+    assert_one_error(run(capsys, "detect", dataset, "--parts", tmp_path / "my parts", "--out", out), command)
+    one = parts / "obj_000001"
+    outcome = run(capsys, "detect", image, "--parts", one, "--out", out, *camera)
+    assert_one_error(outcome, f"{one}: is a prepared part itself: --parts is the folder above, {parts}")
     truth = dataset / "test/000001/scene_gt.json"
     assert_one_error(run(capsys, "detect", dataset, "--parts", parts, "--out", truth), "not results")
     assert not out.exists()

@@ -47,11 +47,23 @@ def test_a_loss_says_where_to_start_again(capsys: pytest.CaptureFixture[str], re
     outcome = run(capsys, "explain", results)
     assert (outcome.status, outcome.err) == (0, "")
     first, second, *_ = outcome.out.splitlines()
-    assert f"lost since frame {LOSS} (image {LOSS}) of 40, start again there" in first
+    assert (
+        f"lost since frame {LOSS} (image {LOSS}) of 40, start again there: acp-lab track … --first-frame {LOSS}"
+        in first
+    )
     assert second.startswith(f"Frame {LOSS} (image {LOSS}), object 1: weak, quality 0.05, 0.55 in the good frames")
     picture = results.with_name(f"results.frame{LOSS}.png")
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert str(picture) in outcome.out
+
+
+def test_a_run_without_a_good_frame(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    lines = results.read_text().splitlines()
+    poor = [",".join([*line.split(",")[:3], "0.05", *line.split(",")[4:]]) for line in lines[1:]]
+    results.write_text("\n".join([lines[0], *poor]) + "\n")
+    outcome = run(capsys, "explain", results)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.out.startswith("Object 1 was good in none of 40 frames.\n")
 
 
 def test_where_a_lost_part_was_looked_for(capsys: pytest.CaptureFixture[str], results: Path) -> None:
@@ -101,12 +113,24 @@ def test_a_frame_of_choice(capsys: pytest.CaptureFixture[str], results: Path, tm
 def test_a_replay_is_explained_by_the_results_beside_it(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     play([Replay(results.with_name("run.rrd")), Replay(results.with_name("other.rrd"))])
     assert f"lost since frame {LOSS}" in run(capsys, "explain", results.with_name("run.rrd")).out
-    assert_one_error(run(capsys, "explain", results.with_name("other.rrd")), "other.rrd", "results.csv")
+    outcome = run(capsys, "explain", results.with_name("other.rrd"))
+    assert_one_error(outcome, "other.rrd", "results.csv", "made in Python", "acp.explain(run, frame)")
+
+
+def test_content_counts_not_the_name(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    info = results.with_name("results.run.json")
+    info.write_text(info.read_text().replace("run.rrd", "run.replay"))
+    play([Replay(results.with_name("run.rrd"))])
+    results.with_name("run.rrd").rename(results.with_name("run.replay"))
+    assert f"lost since frame {LOSS}" in run(capsys, "explain", results.with_name("run.replay")).out
+    results.rename(results.with_name("results.rrd"))
+    outcome = run(capsys, "explain", results.with_name("results.rrd"), "--dataset", sample_dataset())
+    assert f"lost since frame {LOSS}" in outcome.out
 
 
 def test_results_whose_data_set_is_not_told(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     results.with_name("results.run.json").unlink()
-    assert_one_error(run(capsys, "explain", results), "results.csv", "--dataset")
+    assert_one_error(run(capsys, "explain", results), "results.csv", "--dataset", "acp.explain(run, frame)")
     outcome = run(capsys, "explain", results, "--dataset", sample_dataset())
     assert outcome.status == 0
     assert f"lost since frame {LOSS}" in outcome.out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,8 @@ def test_a_folder_named_after_the_mesh(capsys: pytest.CaptureFixture[str], tmp_p
     assert outcome.status == 0, outcome
     assert outcome.err == ""
     folder = tmp_path / "parts" / "block"
-    assert str(folder) in outcome.out
+    assert re.fullmatch(rf"{folder}: prepared in \d+\.\d s, diameter \d+\.\d mm\n", outcome.out)
+    assert prepare(capsys, tmp_path / "parts", mesh).out.startswith(f"{folder}: was complete, diameter")
     info = json.loads((folder / "part.json").read_text())
     assert "version" in json.dumps(info)
     kinds = {path.suffix for path in folder.iterdir()}
@@ -141,7 +143,8 @@ def test_same_stem_of_another_mesh_is_refused_unless_told(
     assert prepare(capsys, tmp_path / "parts", mesh).status == 0
     before = (tmp_path / "parts" / "block" / "part.json").read_bytes()
     mesh.write_text(mesh.read_text().replace("-20 ", "-22 "))
-    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "block", "--no-resume")
+    told = "give another --out to keep both, --no-resume to replace it, or rename the mesh"
+    assert_one_error(prepare(capsys, tmp_path / "parts", mesh), "block", told)
     assert (tmp_path / "parts" / "block" / "part.json").read_bytes() == before
     assert prepare(capsys, tmp_path / "parts", mesh, "--no-resume").status == 0
     assert (tmp_path / "parts" / "block" / "part.json").read_bytes() != before

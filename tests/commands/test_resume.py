@@ -98,7 +98,7 @@ def test_what_the_run_before_saw_is_not_forgotten(
     """The summary counts its frames too, and names the frame that it lost first; where it searched stays."""
     for im_id in FRAME_IDS[1:3]:
         (dataset / "test" / "000001" / "rgb" / f"{im_id:06d}.png").write_bytes(b"")
-    told = f"5 frames of 320 x 240 .*; first lost in image {FRAME_IDS[2]}; 2 not readable"
+    told = f"5 frames of 320 x 240 .*; first lost from image {FRAME_IDS[1]} on; 2 not readable"
     whole = track(capsys, dataset, parts, tmp_path / "whole.csv")
     assert len(re.findall(told, whole.out)) == PER_FRAME, whole.out
     out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 4 * PER_FRAME)
@@ -281,7 +281,8 @@ def test_other_inputs_are_refused(
     before = out.read_bytes()
     if change is not None:
         change(dataset, parts)
-    assert_one_error(track(capsys, dataset, parts, out, "--resume", *words), told, "run without --resume")
+    outcome = track(capsys, dataset, parts, out, "--resume", *words)
+    assert_one_error(outcome, told, "give --out another name, or run without --resume, which replaces these rows")
     assert out.read_bytes() == before
 
 

@@ -127,6 +127,18 @@ def test_first_image_unreadable(
     assert_one_error(track(capsys, dataset, parts, out), "000000.png")
 
 
+def test_what_is_no_data_set_and_what_has_no_truth_name_the_option(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path
+) -> None:
+    scene = dataset / "test" / "000001"
+    assert_one_error(track(capsys, scene / "rgb" / "000000.png", parts, out), "is a file, no data set", "--video FILE")
+    assert_one_error(track(capsys, scene / "rgb", parts, out), "a plain folder of images goes with --video DIR")
+    outcome = track(capsys, dataset, parts, out, "--camera", dataset / "camera.json")
+    assert_one_error(outcome, "--camera", "only goes with a video or a folder of images, given as --video")
+    (scene / "scene_gt.json").unlink()
+    assert_one_error(track(capsys, dataset, parts, out), "--init results.csv", "--init auto")
+
+
 def test_part_not_prepared(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path) -> None:
     shutil.rmtree(parts / "obj_000004")
     mesh = dataset / "models" / "obj_000004.ply"
@@ -175,6 +187,8 @@ def test_outputs_that_would_overwrite_something(
     assert_one_error(track(capsys, dataset, parts, out, "--init", out), "results.csv", "overwrite")
     assert_one_error(track(capsys, dataset, parts, out, "--replay", out), "results.csv", "same file")
     assert_one_error(track(capsys, dataset, parts, out, "--replay", dataset), "folder")
+    film = track(capsys, dataset, parts, out, "--replay", out.with_name("film.mp4"))
+    assert_one_error(film, "film.mp4: --replay writes .rrd only: name it film.rrd", "acp-lab replay --mp4")
     # Not an input that was named, but none of ours either.
     truth = dataset / "test" / "000001" / "scene_gt.json"
     before = truth.read_bytes()

@@ -14,26 +14,26 @@ import numpy as np
 import pytest
 
 from acp_lab.commands.track import TrackOptions, scene_jobs
-from acp_lab.commands.track_run import Reporter
+from acp_lab.commands.track_run import ObjectSummary, Reporter, RunSummary, _next_after_loss
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
 from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import inverse, rotation_angle_deg, transform
-from acp_lab.prepared_part import PreparedPart, Trained
+from acp_lab.prepared_part import PreparedPart, PrepareOptions, Trained
 from acp_lab.prepared_part.trained import RegionReport
-from acp_lab.sequences import ResultRow, ResultsWriter, read_results
+from acp_lab.sequences import ResultRow, ResultsWriter, read_results, write_pose
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import METHODS
 from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import Timings, TrackResult, TrackState
 from tests.cli_runner import Outcome, assert_one_error, run
-from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, true_pose, write_dataset
+from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
 from tests.sequences.tiny_dataset import write_json
 
 
-def track(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, *words: str) -> Outcome:
+def track(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, *words: str | Path) -> Outcome:
     outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, *words)
     assert outcome.status == 0, outcome
     return outcome
@@ -267,6 +267,38 @@ def test_starting_from_a_file(capsys: pytest.CaptureFixture[str], dataset: Path,
     assert [row.obj_id for row in read_results(tmp_path / "results.csv")] == [4] * len(FRAME_IDS)
 
 
+def test_a_run_starts_where_its_start_poses_do(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    with ResultsWriter(tmp_path / "poses.csv") as writer:
+        for frame_id in (3, 5):
+            writer.append(ResultRow(1, frame_id, 4, 1.0, true_pose(frame_id, 4)))
+    words, out = ("--object", "4", "--init", tmp_path / "poses.csv"), tmp_path / "results.csv"
+    outcome = track(capsys, dataset, parts, out, *words)
+    assert "note: scene 1: starts in image 3, the first with start poses in" in outcome.err
+    assert [row.im_id for row in read_results(out)] == [3, 5, 6]
+    assert track(capsys, dataset, parts, out, *words, "--resume").status == 0
+    track(capsys, dataset, parts, out, *words, "--first-frame", "5")
+    assert [row.im_id for row in read_results(out)] == [5, 6]
+
+
+def test_so_does_one_of_a_video(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    with ResultsWriter(tmp_path / "poses.csv") as writer:
+        writer.append(ResultRow(1, 2, 1, 1.0, true_pose(FRAME_IDS[2])))
+    write_pose(tmp_path / "pose.json", true_pose(FRAME_IDS[3]))
+    words = ["track", "--video", dataset / "test" / "000001" / "rgb", "--camera", tmp_path / "camera.json"]
+    words += ["--mesh", dataset / "models" / "obj_000001.ply", "--parts", parts, "--out", tmp_path / "results.csv"]
+    assert run(capsys, *words, "--init", tmp_path / "poses.csv").status == 0
+    assert [row.im_id for row in read_results(tmp_path / "results.csv")] == [2, 3, 4]
+    assert run(capsys, *words, "--init", tmp_path / "pose.json", "--first-frame", "3").status == 0
+    assert [row.im_id for row in read_results(tmp_path / "results.csv")] == [3, 4]
+    outcome = run(capsys, *words, "--init", tmp_path / "pose.json", "--first-frame", "9")
+    assert_one_error(outcome, "has no image 9")
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", tmp_path / "other.csv", "--first-frame", "3")
+    assert_one_error(outcome, "--first-frame 3", "--init")
+
+
 def test_a_frame_in_the_middle_that_cannot_be_read(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
 ) -> None:
@@ -286,12 +318,32 @@ def test_the_summary_says_what_was_seen(
     for frame_id in FRAME_IDS[1:]:
         (dataset / "test" / "000001" / "rgb" / f"{frame_id:06d}.png").write_bytes(b"")
     outcome = track(capsys, dataset, parts, tmp_path / "results.csv", "--object", "1")
-    assert "5 frames of 320 x 240 (3 lost, 1 tracking, 1 weak; first lost in image 3; 4 not readable)" in outcome.out, (
-        outcome.out
-    )
+    assert (
+        "5 frames of 320 x 240 (3 lost, 1 tracking, 1 weak; first lost from image 2 on; 4 not readable)" in outcome.out
+    ), outcome.out
     assert f"results.csv: written; acp-lab explain {tmp_path / 'results.csv'} says why" in outcome.out
-    outcome = track(capsys, dataset, parts, tmp_path / "both.csv")
-    assert f"acp-lab explain {tmp_path / 'both.csv'} --scene 1 --object 1 says why" in outcome.out
+    outcome = track(capsys, dataset, parts, tmp_path / "my out.csv")
+    assert f"acp-lab explain '{tmp_path / 'my out.csv'}' --scene 1 --object 1 says why" in outcome.out
+
+
+def test_a_part_that_was_not_prepared_to_its_end_is_warned_of(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """An interrupted prepare leaves the stages that it had done, and what it was asked for."""
+    folder, mesh = parts / "obj_000001", dataset / "models" / "obj_000001.ply"
+    whole = PreparedPart.load(folder, mesh)
+    assert not whole.lacks
+    replace(whole, options={"both": PrepareOptions(regions=(0, 3))}).save(folder)
+    words = ("--object", "1", "--max-frames", "1")
+    outcome = track(capsys, dataset, parts, tmp_path / "results.csv", *words)
+    told = f"warning: {folder}: lacks visibility networks of view regions 0, 3, as after an interrupted prepare; run: "
+    assert f"{told}acp-lab prepare {mesh} --out {parts}\n" in outcome.err
+
+
+def test_the_summary_says_where_no_frame_was_good(tmp_path: Path) -> None:
+    poor = ObjectSummary(1, 4, "box")
+    poor.add(0, TrackState.WEAK, is_unreadable=False)
+    assert _next_after_loss(RunSummary((poor,)), tmp_path / "r.csv").endswith("r.csv says why no frame was good")
 
 
 def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
@@ -338,6 +390,20 @@ def test_eval_of_a_malformed_results_file(
 ) -> None:
     (tmp_path / "results.csv").write_text(content)
     assert_one_error(run(capsys, "eval", dataset, tmp_path / "results.csv"), "results.csv")
+
+
+def test_eval_with_truth_of_the_first_frame_alone(
+    capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path
+) -> None:
+    edit_json(
+        dataset / "test" / "000001" / "scene_gt.json",
+        lambda poses: [poses.pop(str(frame_id)) for frame_id in FRAME_IDS[1:]],
+    )
+    with ResultsWriter(tmp_path / "results.csv") as writer:
+        writer.append(ResultRow(1, 2, 1, 1.0, true_pose(2)))
+    outcome = run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path / "scores.json")
+    assert_one_error(outcome, dataset, "no frame but the first has truth")
+    assert not (tmp_path / "scores.json").exists()
 
 
 def test_eval_of_missing_things(capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path) -> None:

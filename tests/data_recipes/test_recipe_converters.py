@@ -77,6 +77,14 @@ def test_rt_less(tmp_path: Path, metres: bool, keys: tuple[str, str], capsys: py
     assert meta["images"][:2] == ["rgb/1.png", "rgb/2.png"]
 
 
+def test_the_next_commands_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_rt_less(tmp_path / "in", tiny_views())
+    convert(rt_less.main, tmp_path / "in", tmp_path / "my set")
+    said = capsys.readouterr().out
+    assert f"acp-lab prepare '{tmp_path}/my set/models'/*.ply --out PARTS_DIR" in said
+    assert f"acp-lab track '{tmp_path}/my set'\n" in said
+
+
 def test_rt_less_orders_images_and_tells_symmetric_parts(tmp_path: Path) -> None:
     views = tiny_views(9)
     shuffled = [0, 5, 2, 7, 1, 8, 4, 3, 6]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,23 @@ def bench(tmp_path: Path) -> Path:
 def make(bench: Path, *options: str, frames: str = "clip") -> int:
     given = [str(bench / frames) if not frames.isdigit() else frames, "--mesh", str(bench / "box.stl")]
     return main([*given, "--out", str(bench / "out"), *options])
+
+
+def test_without_a_start_pose_it_can_be_found(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert make(bench, *INTRINSICS) == 0
+    said = capsys.readouterr().out
+    assert "--init auto" in said
+    assert "--init POSES.csv" in said
+
+
+def test_the_next_commands_can_be_pasted(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (bench / "clip").rename(bench / "my clip")
+    out = str(bench / "my set")
+    assert make(bench, *INTRINSICS, "--pose", str(bench / "POSE.json"), "--out", out, frames="my clip") == 0
+    commands = [shlex.split(line) for line in capsys.readouterr().out.splitlines() if line.startswith("acp-lab")]
+    assert commands[0][:3] == ["acp-lab", "prepare", f"{out}/models/obj_000001.ply"]
+    assert commands[1][:3] == ["acp-lab", "track", out]
+    assert commands[2][:4] == ["acp-lab", "track", "--video", str(bench / "my clip")]
 
 
 def test_a_folder_becomes_a_data_set(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:

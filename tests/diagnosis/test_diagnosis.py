@@ -204,6 +204,15 @@ def test_changed_appearance(model: PreparedPart, images: list[ByteImage], truth:
     assert Cause.APPEARANCE in named(run, TROUBLE).causes
 
 
+def test_a_pose_beside_the_part_says_nothing_of_its_look(good: TrackRun) -> None:
+    """Truth is known, and the image shows the part as ever: what fell is the quality of another place."""
+    beside = good.results[1][TROUBLE].cam_T_obj.copy()
+    beside[:3, 3] += (40.0, 0.0, 0.0)
+    bad = replace(good.results[1][TROUBLE], cam_T_obj=beside, state=TrackState.WEAK, quality=0.05)
+    run = replace(good, results={1: (*good.results[1][:TROUBLE], bad)})
+    assert Cause.APPEARANCE not in diagnose(run, -1).causes
+
+
 def test_an_unreadable_image(model: PreparedPart, images: list[ByteImage], truth: list[FloatArray]) -> None:
     torn: list[ByteImage | None] = list(images)
     torn[TROUBLE] = None
@@ -356,6 +365,24 @@ def test_a_part_in_another_unit(good: TrackRun) -> None:
     run = replace(good, starts={1: truth_far})
     diagnosis = named(run)
     assert diagnosis.causes[0] is Cause.UNIT_OR_CAMERA
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_start_beside_the_part(
+    model: PreparedPart, images: list[ByteImage], truth: list[FloatArray], known: bool
+) -> None:
+    """It was told as an occlusion, with settings that make nothing better."""
+    beside = truth[0] @ make_pose(so3_exp(np.array([0.0, 1.2, 0.6])), np.array([12.0, 8.0, 0.0]))
+    run = Tracker(model, ACP_EDGES).run(MadeSequence(images, {1: truth}), beside)
+    never = tuple(replace(r, state=TrackState.WEAK, quality=min(r.quality, 0.2)) for r in run.results[1])
+    run = replace(run, results={1: never})
+    diagnosis = diagnose(run if known else without_truth(run), 3)
+    assert diagnosis.causes[0] is Cause.WRONG_START
+    assert "--init auto" in diagnosis.findings[0].advice
+    assert "learn_above" not in str(diagnosis)
+    # Where the truth says that the start was right, it is not blamed.
+    fair = replace(run, starts={1: truth[0]})
+    assert (Cause.WRONG_START in diagnose(fair if known else without_truth(fair), 3).causes) is not known
 
 
 # ---- the error that is told --------------------------------------------------------------------------------------

@@ -149,5 +149,5 @@ def all_unreadable(at: Workplace) -> str:
     outcome = at.track("--object", "1")
     assert outcome.status == 0, outcome
     said = outcome.out.partition("frames of 320 x 240 ")[2].partition(", quality")[0]
-    assert said == "(3 lost, 1 tracking, 1 weak; first lost in image 3; 4 not readable)", outcome.out
+    assert said == "(3 lost, 1 tracking, 1 weak; first lost from image 2 on; 4 not readable)", outcome.out
     return said.strip("()")

@@ -236,7 +236,7 @@ def resumed_otherwise(at: Workplace) -> str:
     cut_after(at, 2)
     before = at.out.read_bytes()
     edit(at.scene / "scene_gt.json", lambda truth: truth["0"][0].update(cam_t_m2c=[-34.0, 0.0, 260.0]))
-    said = at.refused(at.track("--resume"), "start pose of object 1", "without --resume")
+    said = at.refused(at.track("--resume"), "start pose of object 1", "--out another name")
     assert at.out.read_bytes() == before
     return said
 

@@ -142,7 +142,7 @@ def killed_replay(at: Workplace) -> str:
     return "opened, and said to be incomplete"
 
 
-@row("`prepare` is killed (kill -9), then run again", "whole or absent; the second run completes it")
+@row("`prepare` is killed (kill -9), then run again", "each stage whole or absent; the second run completes it")
 def killed_prepare(at: Workplace) -> str:
     words = ("prepare", at.mesh, "--out", at.folder / "new", "--generator", "templates")
     process = at.start(*words)

@@ -223,7 +223,8 @@ def test_the_mesh_it_was_prepared_from_is_recognised(tmp_path: Path) -> None:
     PreparedPart(part, sample_edges(part)).save(tmp_path / "parts" / "wedge")
     assert PreparedPart.load(tmp_path / "parts" / "wedge", mesh).part.path == mesh
     mesh.write_bytes(ply(box()))
-    with pytest.raises(PreparationError, match=r"another mesh than .*wedge\.ply; run: acp-lab prepare .*--no-resume"):
+    told = r"another mesh than .*wedge\.ply; run: acp-lab prepare .*--no-resume .*--parts"
+    with pytest.raises(PreparationError, match=told):
         PreparedPart.load(tmp_path / "parts" / "wedge", mesh)
     with pytest.raises(PreparationError, match=r"gone\.ply: the mesh cannot be read"):
         PreparedPart.load(tmp_path / "parts" / "wedge", tmp_path / "gone.ply")
@@ -486,6 +487,14 @@ def test_a_folder_that_was_never_prepared_is_told_so(tmp_path: Path) -> None:
         PreparationError, match=r"bolt: this part is not prepared; run: acp-lab prepare bolt\.stl --out"
     ):
         PreparedPart.load(tmp_path / "bolt", Path("bolt.stl"))
+
+
+def test_a_part_where_the_folder_of_parts_is_wanted_and_the_reverse(folder: Path) -> None:
+    with pytest.raises(PreparationError) as caught:
+        PreparedPart.load(folder / "box")
+    assert str(caught.value) == f"{folder}: is a prepared part itself: --parts is the folder above, {folder.parent}"
+    with pytest.raises(PreparationError, match=f"parts: is no part, it holds some: name one of them: {folder}"):
+        PreparedPart.load(folder.parent)
 
 
 # ---- whole or not at all -------------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ import numpy as np
 from acp_lab.display.replay.blueprint import Spot
 from acp_lab.errors import InputFileError
 from acp_lab.input_file import check_regular
+from acp_lab.pasted import quoted
 
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
@@ -82,7 +83,7 @@ def check_replay(path: Path) -> ReplayFile:
             if not magic:
                 raise InputFileError(f"{path}: the file is empty: write it again with acp-lab track --replay")
             if magic in _OTHER_MAGICS:
-                raise InputFileError(f"{path}: was written by an old rerun: run rerun rrd migrate {path}")
+                raise InputFileError(f"{path}: was written by an old rerun: run rerun rrd migrate {quoted(path)}")
             if magic != _MAGIC:
                 raise InputFileError(f"{path}: is no replay: acp-lab track --replay FILE.rrd writes one")
             size = path.stat().st_size
@@ -96,7 +97,7 @@ def check_replay(path: Path) -> ReplayFile:
                     return ReplayFile(path, at, True)
                 at += _MESSAGE.size + length
     except FileNotFoundError:
-        raise InputFileError(f"{path}: no such replay: acp-lab track --replay {path} writes one") from None
+        raise InputFileError(f"{path}: no such replay: acp-lab track --replay {quoted(path)} writes one") from None
     except OSError as error:
         raise InputFileError(f"{path}: cannot be read ({error.strerror}): give a replay, a .rrd file") from None
     if at == _HEADER_BYTES:
