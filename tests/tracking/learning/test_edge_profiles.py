@@ -337,8 +337,8 @@ def test_edges_of_the_sample_lie_nearer_to_the_cads() -> None:
 
 
 @pytest.mark.parametrize("setting", [
-        {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"outline_mm": float("nan")}, {"evidence_share": 1.5},
-        {"trait_memory": 1.0},
+        {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"evidence_share": 1.5},
+        {"trait_memory": 1.0}, {"outline_mm": float("nan")},
     ], ids=str)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"learning\.profiles\."):

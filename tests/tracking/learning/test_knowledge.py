@@ -153,6 +153,30 @@ def test_a_trusted_pose_teaches_offsets_and_a_tracked_one_does_not(
     off.measure_offsets(matches(off, edges, at, 0.4))
 
 
+def test_measured_offsets_count_less_once_a_frame_is_seen_from_another_side(
+    broken: PreparedPart, part: Part, edges: GeneratedEdges, at: Estimate
+) -> None:
+    beside = prior_of(view_at(part, looking_at(part, np.array([0.1, 0.9, 1.0]), 330.0, 0.3)))
+    for config, fades in ((ALL, True), (replace(ALL, offsets=OffsetConfig(view_deg=0.0, follow_rate=0.0)), False)):
+        knowledge = SampleKnowledge(config, broken)
+        usual = knowledge.expect(edges, edges.normals, at)
+        knowledge.measure_offsets(matches(knowledge, edges, at, residual_px=0.6))
+        measured = knowledge.expect(edges, edges.normals, at)
+        knowledge.learn(matches(knowledge, edges, at))
+        same_side = knowledge.expect(edges, edges.normals, at)
+        knowledge.learn(matches(knowledge, edges, beside))
+        turned = knowledge.expect(edges, edges.normals, at)
+        assert usual is not None
+        assert measured is not None
+        assert same_side is not None
+        assert turned is not None
+        np.testing.assert_array_equal(same_side.offsets_mm, measured.offsets_mm)
+        of_side, of_other = (np.abs(seen.offsets_mm - usual.offsets_mm).mean() for seen in (measured, turned))
+        left = of_other / of_side
+        assert (left < 0.3) == fades
+        assert (left == pytest.approx(1.0)) != fades
+
+
 def test_a_solved_frame_teaches_look_and_reliability(broken: PreparedPart, edges: GeneratedEdges, at: Estimate) -> None:
     knowledge = SampleKnowledge(ALL, broken)
     assert knowledge.memory is not None
