@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
 import sys
 
 
@@ -14,5 +13,7 @@ def quoted(word: object) -> str:
         >>> quoted("my clip.mp4")
         "'my clip.mp4'"
     """
-    # Windows' shells know no single quotes as such, and a backslash needs none.
-    return subprocess.list2cmdline([str(word)]) if sys.platform == "win32" else shlex.quote(str(word))
+    text = str(word)
+    if sys.platform == "win32":  # whose shells know no single quotes as such; a backslash needs none
+        return f'"{text}"' if " " in text or not text else text
+    return shlex.quote(text)
