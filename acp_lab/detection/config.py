@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from acp_lab.errors import AcpLabError
 
 SEARCH_SAMPLES = 80
-"""Of a view."""
+"""Edge samples that a stored view keeps; a template has some of them."""
 
 
 @dataclass(frozen=True)

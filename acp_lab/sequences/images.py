@@ -150,7 +150,9 @@ class VideoFile(_OwnImages):
             found, image = video.read()
             if not found:
                 raise InputFileError(f"{self.path}: cannot be decoded as a video: convert it, as to H.264")
-        held, self._promised = _frame_counts(self.path)
+            # Streams without an index announce nothing, or a negative number.
+            announced, fps = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT))), video.get(cv2.CAP_PROP_FPS)
+        held, self._promised = _frame_counts(self.path, announced, fps)
         self.frame_ids = tuple(range(held + (self._promised > held)))
         self._check_first(np.asarray(image, np.uint8), str(self.path))
 
@@ -278,16 +280,15 @@ def _capture(source: str | int, backend: int, *how: tuple[int, ...]) -> Iterator
         capture.release()
 
 
-def _frame_counts(path: Path) -> tuple[int, int]:
+def _frame_counts(path: Path, announced: int, fps: float) -> tuple[int, int]:
     """How many frames a video holds, and how many it should: more only where it is cut short.
 
     Some containers, such as Matroska, announce no number; OpenCV makes one up from the duration, as if frames came at
     equal times. So the packets are counted, which are not decoded for it, and their times have a say: a film that
     lasts as long as announced is whole.
+
+    announced, fps: frames and frames per second, as the header has them.
     """
-    with _capture(str(path), cv2.CAP_FFMPEG) as video:
-        # Streams without an index announce nothing, or a negative number.
-        announced, fps = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT))), video.get(cv2.CAP_PROP_FPS)
     times_s: list[float] = []
     with _capture(str(path), cv2.CAP_FFMPEG, (cv2.CAP_PROP_FORMAT, _UNDECODED)) as packets:
         while packets.grab():

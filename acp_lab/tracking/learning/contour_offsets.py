@@ -280,8 +280,9 @@ class ContourOffsets:
     def move(self, traits: FloatArray) -> None:
         """What was measured lies elsewhere beside the CAD's edges when the part's traits (k,) are others by so much."""
         if self._sample_slopes is not None and self._cell_slopes is not None:
-            _add_moved(self._sample_sum.reshape(-1), self._sample_slopes.reshape(-1, len(traits)), plain(traits))
-            _add_moved(self._cell_sum, self._cell_slopes, plain(traits))
+            traits = plain(traits)
+            _add_moved(self._sample_sum.reshape(-1), self._sample_slopes.reshape(-1, len(traits)), traits)
+            _add_moved(self._cell_sum, self._cell_slopes, traits)
 
 
 @kernel("void(f8[::1], f8[:, ::1], f8[::1])")

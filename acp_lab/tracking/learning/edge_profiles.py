@@ -55,8 +55,9 @@ class ProfileConfig:
         spread_share: of the network's own spread that is taken for the scatter of an edge about its true place.
         break_share: of a part's edge break beyond the usual one, by which its outlines lie farther inside than their
             profiles tell.
-        outline_mm: where outlines of usual parts lie beside what their profiles tell, outward. Found on path-traced
-            sequences of two renderers; the network has learnt from pictures that are rasterised.
+        outline_mm: where outlines of usual parts are expected beside what their profiles tell, outward. The network has
+            learnt from rasterised pictures; with this much, frames of path-traced tuning sequences that are solved from
+            the true pose are neither too far away nor too near on average.
         evidence_share: how much of what an edge says of the part's traits is new, as neighbours err alike; 0 for a
             usual part, whatever the edges say. See `edge_traits`.
         trait_memory: share of what earlier frames told of the traits that is kept from frame to frame.

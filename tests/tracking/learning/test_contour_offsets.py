@@ -20,6 +20,7 @@ from acp_lab.tracking.learning.contour_offsets import (
     ContourOffsets,
     ExpectedOffsets,
     OffsetConfig,
+    _add_moved,
     _inner_creases,
     _scatter_after_fit,
 )
@@ -385,3 +386,10 @@ def test_offsets_that_are_the_parts_alone_do_not_fade() -> None:
 def test_impossible_turns(view_deg: float) -> None:
     with pytest.raises(TrackingError, match="view_deg"):
         OffsetConfig(view_deg=view_deg)
+
+
+def test_sums_are_moved_as_numpy_moves_them(rng: np.random.Generator) -> None:
+    sums, slopes, traits = rng.normal(size=40), rng.normal(size=(40, 3)), rng.normal(size=3)
+    expected = sums + slopes @ traits
+    _add_moved(sums, slopes, traits)
+    np.testing.assert_allclose(sums, expected, rtol=1e-12, atol=1e-12)
