@@ -5,7 +5,8 @@ of what each edge looked like then says so: the quality drops. `SecondTries` sta
 ring around it; while the part is lost and no `way_back` looks for it, a wide search around its last pose joins
 in, less and less often.
 `Alternatives`, for methods that see regions too, lets these go first, without the motion prior. Where even these fit
-far worse, the part may have moved or turned further than any of them reaches: then a cloud of poses is searched.
+far worse, the part may have moved or turned further than any of them reaches: then a cloud of poses is searched, and a
+wide one where the first shows nothing that fits well.
 """
 
 from __future__ import annotations
@@ -77,6 +78,10 @@ class Alternatives:
             around the predicted pose is searched, and the best of that must reach it before its last level; 0 for
             never.
         cloud: its poses. They are chosen as in a first frame, by what the image shows of edges, whatever was learnt.
+        wide_below: share of the running mean score. Where the best of the cloud does not reach it, a wide one is
+            searched as well, and only what reaches it there is taken for better: among so many poses some fit better
+            than the true one of a covered part. 0 for never.
+        wide_cloud: its poses.
     """
 
     kind: ClassVar[str] = "alternatives"
@@ -87,12 +92,16 @@ class Alternatives:
     most_innovation: float = 100.0
     cloud_below: float = 0.5
     cloud: Cloud = field(default_factory=lambda: Cloud(5.0, 0.3, 60, 6, 2))
+    wide_below: float = 0.65
+    wide_cloud: Cloud = field(default_factory=lambda: Cloud(15.0, 0.4, 300, 12, 2))
 
     def __post_init__(self) -> None:
-        for name in ("below", "slack", "gain", "innovation_cost", "most_innovation", "cloud_below"):
+        names = "below", "slack", "gain", "innovation_cost", "most_innovation", "cloud_below", "wide_below"
+        for name in names:
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise TrackingError(f"recovery.{name} = {getattr(self, name):g}: give 0 or more")
         self.cloud.check("recovery.cloud.")
+        self.wide_cloud.check("recovery.wide_cloud.")
 
 
 @dataclass(frozen=True)
@@ -235,7 +244,7 @@ def _in_cloud(
     config: Alternatives,
     clock: Stopwatch,
 ) -> tuple[SeenFrame, Solution] | None:
-    """The best of a cloud around the predicted pose; None where it is not due, or nothing in it fits well enough.
+    """The best of a cloud around the predicted pose, or of a wide one; None where it is not due, or nothing fits.
 
     reached: the best score so far.
     """
@@ -246,10 +255,17 @@ def _in_cloud(
     if seen is None:
         return None
     clock.lap()
-    scattered = search_cloud(solver, seen, situation.predicted, config.cloud)
+    best = _reaching(least, search_cloud(solver, seen, situation.predicted, config.cloud))
+    well = config.wide_below * situation.mean_score
+    if well > 0.0 and (best is None or best.score < well):
+        best = _reaching(well, search_cloud(solver, seen, situation.predicted, config.wide_cloud)) or best
     clock.search_s += clock.lap()
-    # Among so many poses some fit better than the true one of a covered part; a part in sight reaches at least this.
-    return None if scattered is None or scattered.score < least else (seen, scattered)
+    return None if best is None else (seen, best)
+
+
+def _reaching(least: float, scattered: Solution | None) -> Solution | None:
+    """What was found in a cloud; None where it fits too badly for a part in sight."""
+    return scattered if scattered is not None and scattered.score >= least else None
 
 
 def _other_tries(

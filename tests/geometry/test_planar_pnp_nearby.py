@@ -48,8 +48,8 @@ def test_it_is_the_pose_that_the_search_from_nothing_finds(
     assert found is not None
     np.testing.assert_array_equal(near, start)
     same = both.nearest(near)
-    # Where the plane is seen nearly head-on the error is flat, and cv2's refinement stops some 1e-5 rad before its foot;
-    # the other pose lies 0.3 away.
+    # Where the plane is seen nearly head-on the error is flat, and cv2's refinement stops some 1e-5 rad before its
+    # foot; the other pose lies 0.3 away.
     np.testing.assert_allclose(found, same, rtol=1e-5, atol=1e-3)
     assert error(found, points) < error(same, points) + 1e-9, "cv2's refinement stops a little earlier"
 

@@ -187,7 +187,11 @@ def test_a_jump_is_caught_only_with_second_tries(part: Part, model: PreparedPart
 # ---- alternatives --------------------------------------------------------------------------------------------
 
 PATIENT = Alternatives(below=0.8, slack=0.05, gain=0.03, innovation_cost=0.01, most_innovation=10.0, cloud_below=0.0)
-SEARCHING = replace(PATIENT, cloud_below=0.5, cloud=Cloud(5.0, 0.3, 20, 4, 1))
+SEARCHING = replace(PATIENT, cloud_below=0.5, cloud=Cloud(5.0, 0.3, 20, 4, 1), wide_below=0.0)
+# Poses of the first cloud only turn, so that a pose tells which cloud it is of.
+SEARCHING_WIDE = replace(
+    SEARCHING, cloud=Cloud(5.0, 0.0, 20, 4, 1), wide_below=0.7, wide_cloud=Cloud(15.0, 0.5, 20, 4, 1)
+)
 
 
 @dataclass
@@ -201,6 +205,7 @@ class Compared:
     innovation: float = 0.0
     jumps: bool = False
     in_cloud: float = 0.0
+    in_wide_cloud: float | None = None
     leads_away: bool = False
     farthest: FloatArray | None = None
     tried: list[str] = field(default_factory=list)
@@ -217,7 +222,10 @@ class Compared:
                 start = start.view.at_pose(move_pose(start.cam_T_obj, self.part.box_centre, away))
         elif levels is not REGIONS_FIRST:
             self.tried.append("cloud")
-            score = self.in_cloud
+            middles = [transform(pose, self.part.box_centre) for pose in (start.cam_T_obj, self.predicted)]
+            is_wide = self.in_wide_cloud is not None and not np.allclose(*middles)
+            score = self.in_wide_cloud if self.in_wide_cloud is not None and is_wide else self.in_cloud
+            self.tried[-1] = "wide cloud" if is_wide else "cloud"
             if self.leads_away:
                 self.farthest = start.cam_T_obj
         else:
@@ -379,6 +387,31 @@ def test_a_place_in_the_cloud_must_be_better_like_any_other(part: Part, view: Vi
         assert (compared(solver, view, first, SEARCHING) is not first) == is_taken
 
 
+def test_a_wide_cloud_is_searched_where_the_first_shows_nothing_that_fits_well(
+    part: Part, view: View, predicted: FloatArray
+) -> None:
+    first = first_try(view, 0.3)
+    for in_cloud, in_wide, tried, taken in (
+        (0.7, 0.9, "cloud", "cloud"),
+        (0.69, 0.9, "wide cloud", "wide cloud"),
+        (0.69, 0.69, "wide cloud", "cloud"),
+        (0.49, 0.7, "wide cloud", "wide cloud"),
+        (0.49, 0.69, "wide cloud", None),
+    ):
+        solver = Compared(part, predicted, {}, refined=0.9, in_cloud=in_cloud, in_wide_cloud=in_wide)
+        found = compared(solver, view, first, SEARCHING_WIDE)
+        assert ("wide cloud" in solver.tried) == (tried == "wide cloud")
+        assert found is not None
+        clouds = {"cloud": SEARCHING_WIDE.cloud, "wide cloud": SEARCHING_WIDE.wide_cloud}
+        rightmost = {
+            name: max(cloud.around(predicted, part), key=lambda pose: transform(pose, part.box_centre)[0])
+            for name, cloud in clouds.items()
+        }
+        assert {name for name, pose in rightmost.items() if np.array_equal(pose, found.cam_T_obj)} == (
+            set() if taken is None else {taken}
+        )
+
+
 def test_where_the_cloud_s_place_is_not_taken_the_best_alternative_has_its_chance(
     part: Part, view: View, predicted: FloatArray
 ) -> None:
@@ -407,13 +440,14 @@ def test_no_cloud_is_searched_where_it_would_be_for_nothing(part: Part, view: Vi
     assert not searched(config=SEARCHING, score=-0.3, mean_score=-0.1)
 
 
+@pytest.mark.parametrize("kind", ["cloud", "wide_cloud"])
 @pytest.mark.parametrize(
     "cloud", [{"turn_deg": -1.0}, {"shift_share": float("nan")}, {"poses": 0}, {"solved": 0}, {"finalists": 10**6}]
 )
-def test_numbers_that_make_no_cloud_are_refused(cloud: dict[str, float]) -> None:
+def test_numbers_that_make_no_cloud_are_refused(kind: str, cloud: dict[str, float]) -> None:
     name, value = next(iter(cloud.items()))
-    with pytest.raises(TrackingError, match=re.escape(f"recovery.cloud.{name} = {value:g}: give ")):
-        Alternatives(cloud=replace(Alternatives().cloud, **cloud))  # type: ignore[arg-type]
+    with pytest.raises(TrackingError, match=re.escape(f"recovery.{kind}.{name} = {value:g}: give ")):
+        Alternatives(**{kind: replace(Alternatives().cloud, **cloud)})  # type: ignore[arg-type]
 
 
 def test_a_turn_and_a_leap_at_once_are_found_in_a_cloud(
@@ -423,3 +457,12 @@ def test_a_turn_and_a_leap_at_once_are_found_in_a_cloud(
     searching, not_searching = (replace(ACP, sight=Off(), recovery=Alternatives(cloud_below=k)) for k in (0.5, 0.0))
     assert percent_off_after_a_jump(searching, step, part, model, sequence) < 2.0
     assert percent_off_after_a_jump(not_searching, step, part, model, sequence) > 5.0
+
+
+def test_a_part_that_leapt_farther_is_found_in_the_wide_cloud(
+    part: Part, model: PreparedPart, sequence: MadeSequence
+) -> None:
+    step = np.array([0.0, 0.3, 0.3, -40.0, 24.0, 60.0])
+    wide, not_wide = (replace(ACP, sight=Off(), recovery=Alternatives(wide_below=k)) for k in (0.65, 0.0))
+    assert percent_off_after_a_jump(wide, step, part, model, sequence) < 5.0
+    assert percent_off_after_a_jump(not_wide, step, part, model, sequence) > 20.0
