@@ -139,7 +139,7 @@ def describe(
     rows, columns, sides = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(len(points))
     features = np.empty((count, FEATURES), np.float32)
     found = _describe(
-        patch.channels, plain(points - patch.origin), plain(normals), candidates.offsets, candidates.scores,
+        patch.channels, *patch.origin, plain(points), plain(normals), candidates.offsets, candidates.scores,
         edges.points_obj, edges.normals_obj, edges.crease, edges.convex, np.ascontiguousarray(views.ids),
         np.ascontiguousarray(views.outline), plain(views.cam_T_obj), views.focal_px, _log_light(patch.gamma), sigma_px,
         least, smear, half_widths(smear), rows, columns, sides, features,
@@ -268,17 +268,21 @@ def _log_light(gamma: float) -> Float32Array:
 
 
 @kernel(
-    "i8(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], b1[::1], b1[::1],"
-    " i8[::1], b1[::1], f8[:, ::1], f8, f4[::1], f8, f8, f8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f4[:, ::1])",
+    "i8(f4[:, :, ::1], f8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], b1[::1],"
+    " b1[::1], i8[::1], b1[::1], f8[:, ::1], f8, f4[::1], f8, f8, f8[::1], i8[::1], i8[::1], i8[::1], f8[::1],"
+    " f4[:, ::1])",
     fastmath=frozenset({"contract"}),
 )
 def _describe(
-    channels: Float32Array, points: FloatArray, normals: FloatArray, offsets: FloatArray, scores: FloatArray,
-    points_obj: FloatArray, normals_obj: FloatArray, crease: BoolArray, convex: BoolArray, ids: IntArray,
-    outline: BoolArray, pose: FloatArray, focal: float, light: Float32Array, sigma: float, least: float,
+    channels: Float32Array, x0: float, y0: float, points: FloatArray, normals: FloatArray, offsets: FloatArray,
+    scores: FloatArray, points_obj: FloatArray, normals_obj: FloatArray, crease: BoolArray, convex: BoolArray,
+    ids: IntArray, outline: BoolArray, pose: FloatArray, focal: float, light: Float32Array, sigma: float, least: float,
     smear: FloatArray, halves: IntArray, rows: IntArray, columns: IntArray, sides: FloatArray, features: Float32Array,
 ) -> int:  # fmt: skip
-    """Fill rows, columns, sides and features, see `Profiles`; returns how many candidates were described."""
+    """Fill rows, columns, sides and features, see `Profiles`; returns how many candidates were described.
+
+    channels, x0, y0: see `edge_search_kernel.strongest_peaks`.
+    """
     count, narrow = 0, -0.5 / (sigma * sigma)
     view, across, along = np.empty(3), np.empty(3), np.empty(3)
     at, faces, facing = np.empty(3), np.empty((2, 3)), np.empty((2, 3))
@@ -332,7 +336,7 @@ def _describe(
             if not scores[i, m] > least or not scores[i, m] * np.exp(narrow * offsets[i, m] * offsets[i, m]) > least:
                 continue
             first = offsets[i, m] - side * middle
-            x, y = points[i, 0] + first * nx, points[i, 1] + first * ny
+            x, y = points[i, 0] - x0 + first * nx, points[i, 1] - y0 + first * ny
             read_profile(channels, x, y, side * nx, side * ny, raw)
             average_along(raw[0], room, half, profile[0])
             average_along(raw[1], room, half, profile[1])
