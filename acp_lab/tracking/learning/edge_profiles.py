@@ -135,6 +135,7 @@ def describe(
         blur_px: (n,) over which motion smears edges along the normals; None for not at all.
     """
     smear = np.zeros(len(points)) if blur_px is None else np.abs(blur_px)
+    halves = np.zeros(len(points), np.int64) if blur_px is None else half_widths(smear)
     count, edges = candidates.scores.size, views.edges
     rows, columns, sides = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(len(points))
     features = np.empty((count, FEATURES), np.float32)
@@ -142,7 +143,7 @@ def describe(
         patch.channels, *patch.origin, plain(points), plain(normals), candidates.offsets, candidates.scores,
         edges.points_obj, edges.normals_obj, edges.crease, edges.convex, np.ascontiguousarray(views.ids),
         np.ascontiguousarray(views.outline), plain(views.cam_T_obj), views.focal_px, _log_light(patch.gamma), sigma_px,
-        least, smear, half_widths(smear), rows, columns, sides, features,
+        least, smear, halves, rows, columns, sides, features,
     )  # fmt: skip
     return Profiles(rows[:found], columns[:found], sides, features[:found])
 

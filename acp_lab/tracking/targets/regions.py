@@ -264,7 +264,7 @@ class RegionTarget:
         At most `reach_px`; 0 where there is no part inside or no background outside. By rays, once per view and
         sample: a pose that is refined, or a part that moves on without turning, changes it little.
         """
-        asked = np.flatnonzero(np.isnan(self.free.mm[0, ids]))
+        asked = np.flatnonzero(np.isnan(self.free.mm[0].take(ids)))
         if not len(asked):
             return
         reach = np.arange(_RAY_STEP_PX, self.memory.config.reach_px + 0.1, _RAY_STEP_PX)
