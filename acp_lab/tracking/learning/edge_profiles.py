@@ -296,11 +296,12 @@ def _describe(
     for i in range(len(points)):
         sample, nx, ny = ids[i], normals[i, 0], normals[i, 1]
         for k in range(3):
-            at[k], faces[0, k], faces[1, k] = pose[k, 3], 0.0, 0.0
+            place, first_face, second_face = pose[k, 3], 0.0, 0.0
             for j in range(3):
-                at[k] += pose[k, j] * points_obj[sample, j]
-                faces[0, k] += pose[k, j] * normals_obj[sample, 0, j]
-                faces[1, k] += pose[k, j] * normals_obj[sample, 1, j]
+                place += pose[k, j] * points_obj[sample, j]
+                first_face += pose[k, j] * normals_obj[sample, 0, j]
+                second_face += pose[k, j] * normals_obj[sample, 1, j]
+            at[k], faces[0, k], faces[1, k] = place, first_face, second_face
         # Axes at the sample: to the eye, across the edge in the image plane, along it.
         length = np.sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2])
         for k in range(3):
@@ -321,12 +322,12 @@ def _describe(
         front = 1 if second_view > first_view else 0
         for which in range(2):
             face = front if which == 0 else 1 - front
+            by_across, by_view, by_along = 0.0, 0.0, 0.0
             for k in range(3):
-                facing[which, k] = 0.0
-            for k in range(3):
-                facing[which, 0] += faces[face, k] * across[k]
-                facing[which, 1] += faces[face, k] * view[k]
-                facing[which, 2] += faces[face, k] * along[k]
+                by_across += faces[face, k] * across[k]
+                by_view += faces[face, k] * view[k]
+                by_along += faces[face, k] * along[k]
+            facing[which, 0], facing[which, 1], facing[which, 2] = by_across, by_view, by_along
         towards = facing[0, 0] + facing[1, 0] if outline[i] else facing[1, 0] - facing[0, 0]
         side = -1.0 if towards < 0.0 else 1.0
         sides[i] = side
