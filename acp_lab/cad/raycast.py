@@ -75,8 +75,8 @@ class EmbreeCaster:
         if len(start) == 0:
             return np.zeros(0, dtype=bool)
         # Embree marks an occluded ray by a negative length: a ray that begins with one would look occluded.
-        limit = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(start))
-        clipped = np.clip(limit, 0.0, _FAR).astype(np.float32)
+        limit, clipped = np.asarray(max_distance, dtype=np.float64), np.empty(len(start), np.float32)
+        clipped[:] = limit.clip(0.0, _FAR)
         return (self._scene.run(start, way, clipped, query="OCCLUDED") != -1) & (limit > 0.0)
 
 

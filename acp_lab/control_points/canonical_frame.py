@@ -57,7 +57,7 @@ class CanonicalFrame:
 
 def eye_position(cam_T_obj: np.ndarray) -> np.ndarray:
     """(3,) mm: the camera's centre in the object frame."""
-    return -cam_T_obj[:3, :3].T @ cam_T_obj[:3, 3]
+    return -(cam_T_obj[:3, :3].T @ cam_T_obj[:3, 3])
 
 
 def canonical_frame(

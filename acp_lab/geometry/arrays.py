@@ -19,6 +19,9 @@ ByteImage: TypeAlias = NDArray[np.uint8]
 """(h, w) grey or (h, w, 3) RGB."""
 
 
+_FLOAT64 = np.dtype(np.float64)
+
+
 def writable(image: ByteImage) -> ByteImage:
     """An image as compiled loops take it; a copy only of one that is read-only."""
     return image if image.flags.writeable else image.copy()
@@ -26,8 +29,6 @@ def writable(image: ByteImage) -> ByteImage:
 
 def plain(array: ArrayLike) -> FloatArray:
     """An array as compiled loops take it: float64, row by row, writable; a copy only of one that is not."""
-    if type(array) is np.ndarray and array.dtype == np.float64:
-        flags = array.flags
-        if flags.c_contiguous and flags.writeable:
-            return array
+    if type(array) is np.ndarray and array.dtype is _FLOAT64 and array.flags.carray:
+        return array
     return np.array(array, np.float64, order="C")

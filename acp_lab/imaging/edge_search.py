@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search_kernel import strongest_peaks
 
 # Scharr's kernel sums to 32 per unit slope; dividing makes gradients grey levels per px.
@@ -161,8 +161,9 @@ def search_along_normals(
     # A short search has few peaks; carrying empty candidates through the solver would cost as much as full ones.
     count = min(config.max_candidates, 1 + reach_px // 2)
     found = np.zeros((5, len(points), count))
-    start, directions = (np.ascontiguousarray(a, np.float64) for a in (points - patch.origin, normals))
     halves = np.zeros(len(points), np.int64) if blur_px is None else half_widths(blur_px)
     encoding = slopes_of_encoding(patch.gamma)
-    strongest_peaks(patch.channels, start, directions, reach_px, halves, config.contrast, encoding, found)
+    strongest_peaks(
+        patch.channels, *patch.origin, plain(points), plain(normals), reach_px, halves, config.contrast, encoding, found
+    )
     return Candidates(*found)

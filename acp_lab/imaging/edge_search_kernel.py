@@ -121,14 +121,15 @@ def at_grey(table: Float32Array, grey: float) -> float:
     return low + (within - np.float32(level)) * (table[level + np.uint64(1)] - low)
 
 
-@kernel("void(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], i8, i8[::1], f8, f4[::1], f8[:, :, ::1])")
+@kernel("void(f4[:, :, ::1], f8, f8, f8[:, ::1], f8[:, ::1], i8, i8[::1], f8, f4[::1], f8[:, :, ::1])")
 def strongest_peaks(
-    channels: Float32Array, points: FloatArray, normals: FloatArray, reach_px: int, halves: IntArray, contrast: float,
-    encoding: Float32Array, found: FloatArray,
+    channels: Float32Array, x0: float, y0: float, points: FloatArray, normals: FloatArray, reach_px: int,
+    halves: IntArray, contrast: float, encoding: Float32Array, found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (5, n, m), zeros before: offset, score, gradient, grey before and after, of the m best peaks.
 
-    channels: (h, w, 3) gradient x and y in linear light, and grey. points: (n, 2) px of it; normals: (n, 2) unit.
+    channels: (h, w, 3) gradient x and y in linear light, and grey, of the full image's px (x0, y0) and on.
+    points: (n, 2) px of the full image; normals: (n, 2) unit.
     halves: (n,) px to either side over which slopes are averaged. encoding: see `edge_search.slopes_of_encoding`.
     """
     most, middle = found.shape[2], reach_px + FLANK_PX
@@ -142,8 +143,8 @@ def strongest_peaks(
     squares, places, chosen = np.empty_like(along), np.empty(len(along), np.int64), np.empty(most, np.int64)
     asked, tiny, start = np.float32(contrast), np.float32(_TINY), middle + room
     for i in range(len(points)):
-        nx, ny = normals[i, 0], normals[i, 1]
-        read_profile(channels, points[i, 0] - start * nx, points[i, 1] - start * ny, nx, ny, profile)
+        x, y, nx, ny = points[i, 0] - x0, points[i, 1] - y0, normals[i, 0], normals[i, 1]
+        read_profile(channels, x - start * nx, y - start * ny, nx, ny, profile)
         average_along(profile[0], room, halves[i], along)
         average_along(profile[1], room, halves[i], across)
         kept = 0

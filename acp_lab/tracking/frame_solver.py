@@ -16,7 +16,6 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.hull import hull_corners
-from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
@@ -196,8 +195,7 @@ class FrameSolver:
 
     def levels_at(self, at: Estimate, levels: tuple[Level, ...] | None = None) -> tuple[Level, ...]:
         """The method's levels, or others, for the size that the part has in the image at an estimate."""
-        depth = float(transform(at.cam_T_obj, self.part.box_centre)[2])
-        size_px = self.part.diameter * at.view.camera.fx / max(depth, 1e-6)
+        size_px = self.part.diameter * at.view.camera.fx / max(float(at.centre_cam[2]), 1e-6)
         return self.method.schedule.at(size_px) if levels is None else scaled(levels, size_px)
 
     def _choose(self, cam_T_obj: FloatArray, current: int | None, among: tuple[int, ...] | range) -> int:

@@ -139,6 +139,11 @@ class Estimate:
         return solve_planar_pnp(view.points_obj, self.points, view.camera).nearest(view.prior)
 
     @cached_property
+    def centre_cam(self) -> FloatArray:
+        """(3,) mm: the part's centre, camera frame."""
+        return transform(self.cam_T_obj, self.view.part.box_centre)
+
+    @cached_property
     def control_points(self) -> FloatArray:
         """(4, 2) px: I."""
         if self.points is not None:
@@ -151,8 +156,7 @@ class Estimate:
         Kept for the normals that were asked last: what is learnt of edges, the motion and the search ask for the same.
         """
         if self._lines is None or self._lines[0] is not normals:
-            view, pose = self.view, self.cam_T_obj
-            kept = ImageLines(transform(pose, points_obj), normals, transform(pose, view.part.box_centre), view.camera)
+            kept = ImageLines(transform(self.cam_T_obj, points_obj), normals, self.centre_cam, self.view.camera)
             object.__setattr__(self, "_lines", (normals, kept))
             return kept
         return self._lines[1]

@@ -145,7 +145,8 @@ class PoseKalman:
         if not (self._observed and self.innovation < config.sure_innovation and self._widening <= 1.0):
             return False
         depth = float(transform(self.predict(), self._centre_obj)[2])
-        return bool(camera.fx * math.sqrt(self._covariance[[3, 4], [3, 4]].max()) < config.sure_px * depth)
+        variance = max(self._covariance[3, 3], self._covariance[4, 4])
+        return bool(camera.fx * math.sqrt(variance) < config.sure_px * depth)
 
     def coast(self) -> None:
         """A frame without an image: the motion goes on, less surely."""

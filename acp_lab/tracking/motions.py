@@ -139,8 +139,9 @@ class PoseVariables:
     def scale(self, view: View) -> FloatArray | float:
         """(6,) how much of each pose parameter moves the part's rim by about a pixel, for solvers with one rate."""
         depth = float(transform(view.prior, view.part.box_centre)[2])
-        mm_per_px = depth / view.camera.fx
-        return np.repeat([mm_per_px / (0.5 * view.part.diameter), mm_per_px], 3)
+        shift = depth / view.camera.fx
+        turn = shift / (0.5 * view.part.diameter)
+        return np.array([turn, turn, turn, shift, shift, shift])
 
     def control_jacobian(self, at: Estimate) -> FloatArray:
         """(8, 6) derivative of I by the variables."""

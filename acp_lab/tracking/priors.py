@@ -122,11 +122,10 @@ class _StepDamping(PosePrior):
     def __init__(self, weight: float, jacobian: FloatArray) -> None:
         hessian: FloatArray = weight * jacobian.T @ jacobian
         super().__init__(hessian, np.zeros_like(hessian), np.zeros((len(hessian), 6)))
-        self._equations = NormalEquations(hessian, np.zeros(len(hessian)))
 
     def equations(self, at: Estimate, total: float) -> NormalEquations:
         """The same at every step."""
-        return self._equations
+        return NormalEquations(self.relative, np.zeros(len(self.relative)))
 
     def loss(self, at: Estimate, total: float) -> float:
         """0."""

@@ -142,15 +142,15 @@ class Pursuit:
 
         first: what was found from the predicted pose (4, 4). states: whether it is lost, and a wide search due.
         """
-        config = self.solver.method.recovery
-        if isinstance(config, Off):
+        config, usual = self.solver.method.recovery, self.usual
+        if isinstance(config, Off) or config.is_content_with(first, usual.mean_quality, usual.mean_score):
             return first
         situation = Situation(
             predicted,
             self.last,
             self.predictor.moves,
-            self.usual.mean_quality,
-            self.usual.mean_score,
+            usual.mean_quality,
+            usual.mean_score,
             states.state is TrackState.LOST,
             states.is_time_to_search(),
             self.predictor.innovation_of,

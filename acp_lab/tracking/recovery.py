@@ -59,6 +59,10 @@ class SecondTries:
         if not 1 <= self.finalists <= 100:
             raise TrackingError(f"recovery.finalists = {self.finalists}: give 1 to 100")
 
+    def is_content_with(self, first: Solution | None, mean_quality: float, mean_score: float) -> bool:
+        """Whether the first try fits well enough, beside running means, that nothing else is tried."""
+        return first is not None and first.judgement.quality >= self.below * mean_quality
+
 
 # With edges that hardly count at first, from where regions see the part; and the last level.
 REGIONS_FIRST = (Level(20, 8.0, 250, 0.01), Level(14, 5.0, 250, 0.02), Level(8, 2.0, 400, 0.1))
@@ -102,6 +106,10 @@ class Alternatives:
                 raise TrackingError(f"recovery.{name} = {getattr(self, name):g}: give 0 or more")
         self.cloud.check("recovery.cloud.")
         self.wide_cloud.check("recovery.wide_cloud.")
+
+    def is_content_with(self, first: Solution | None, mean_quality: float, mean_score: float) -> bool:
+        """Whether the first try fits well enough, beside running means, that nothing else is tried."""
+        return first is not None and first.score >= self.below * mean_score
 
 
 @dataclass(frozen=True)
@@ -160,6 +168,8 @@ def recover(
     clock: Stopwatch,
 ) -> Solution | None:
     """The first try, or a better one; first: what the prediction led to, None where it led nowhere."""
+    if config.is_content_with(first, situation.mean_quality, situation.mean_score):
+        return first
     if isinstance(config, SecondTries):
         return _second_tries(solver, first, look, situation, config, clock)
     return _alternatives(solver, first, look, situation, config, clock)
@@ -174,8 +184,6 @@ def _second_tries(
     clock: Stopwatch,
 ) -> Solution | None:
     floor, last = config.below * situation.mean_quality, situation.last
-    if first is not None and first.judgement.quality >= floor:
-        return first
 
     def plausible(solution: Solution | None) -> Solution | None:
         return solution if solution and is_plausible(solution.cam_T_obj, last, solver.part) else None
@@ -202,8 +210,6 @@ def _alternatives(
     config: Alternatives,
     clock: Stopwatch,
 ) -> Solution | None:
-    if first is not None and first.score >= config.below * situation.mean_score:
-        return first
     found = list(_other_tries(solver, look, situation, clock))
     tries = [max(found, key=lambda one: one[1].score)] if found else []
     reached = max([first.score if first else 0.0, *(solution.score for _, solution in tries)])

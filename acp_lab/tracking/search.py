@@ -15,9 +15,10 @@ import numpy as np
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, plain
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import rotation_angle_deg, transform
+from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_kernels import step_between
 from acp_lab.geometry.pose_step import move_pose, pose_step_between
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.schedule import Level
@@ -248,9 +249,10 @@ def shifted(cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera, shift
 
 def is_plausible(cam_T_obj: FloatArray, last: FloatArray, part: Part) -> bool:
     """Whether a pose (4, 4) can follow the last one at all; a diverged solution never can."""
-    moved_mm = math.dist(transform(cam_T_obj, part.box_centre), transform(last, part.box_centre))
-    turned_deg = rotation_angle_deg(cam_T_obj[:3, :3], last[:3, :3])
-    return turned_deg < _LARGEST_TURN_DEG and moved_mm < 2.0 * part.radius
+    step = np.empty(6)
+    step_between(plain(last), plain(cam_T_obj), plain(part.box_centre), step)
+    turn, shift = math.hypot(*step[:3]), math.hypot(*step[3:])
+    return math.degrees(turn) < _LARGEST_TURN_DEG and shift < 2.0 * part.radius
 
 
 def better(first: Solution | None, second: Solution | None) -> Solution | None:

@@ -8,6 +8,7 @@ change. Curves by histogram matching: Gonzalez and Woods, Digital Image Processi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -118,7 +119,7 @@ class _Sample:
 
 
 def _some_pixels(image: ByteImage) -> _Sample:
-    step = max(1, round(float(np.sqrt(image.shape[0] * image.shape[1] / _PIXELS))))
+    step = max(1, round(math.sqrt(image.shape[0] * image.shape[1] / _PIXELS)))
     grid = writable(image[step // 2 :: step, step // 2 :: step])
     pixels = np.empty((grid.shape[0] * grid.shape[1], 3), np.uint8)
     _copy(grid, pixels)
@@ -147,9 +148,9 @@ def _count(pixels: ByteImage, counts: IntArray) -> None:
 def _mean_difference(before: ByteImage, now: ByteImage) -> float:
     """Mean absolute difference of grey levels; both (n, 3)."""
     total = np.int64(0)
-    for k in range(len(now)):
-        for channel in range(3):
-            total += abs(np.int64(now[k, channel]) - np.int64(before[k, channel]))
+    one, other = before.reshape(-1), now.reshape(-1)
+    for k in range(len(one)):
+        total += abs(np.int64(other[k]) - np.int64(one[k]))
     return float(total) / now.size
 
 

@@ -331,9 +331,9 @@ class Tracker:
         config = self.method.uncertainty
         if isinstance(config, Off) or solution.information is None:
             return None
-        centre_cam = transform(solution.cam_T_obj, self.part.box_centre)
-        camera = solution.estimate.view.camera
-        return config.covariance(solution.information, centre_cam, camera, 0.5 * self.part.diameter)
+        estimate = solution.estimate
+        radius_mm = 0.5 * self.part.diameter
+        return config.covariance(solution.information, estimate.centre_cam, estimate.view.camera, radius_mm)
 
     @property
     def _is_lost(self) -> bool:

@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
@@ -50,18 +51,37 @@ class PoseUncertainty:
             centre_cam: (3,) mm, the part's centre.
             radius_mm: half the part's diameter.
         """
-        towards = np.concatenate([np.zeros(3), centre_cam / radius_mm])
+        mm_per_px, covariance = float(centre_cam[2]) / camera.fx, np.empty((6, 6))
+        _add_terms(
+            np.array(information, np.float64), self.image, self.outline_mm**2, centre_cam / radius_mm,
+            (self.turn_px * mm_per_px / radius_mm) ** 2, (self.shift_px * mm_per_px) ** 2, covariance,
+        )  # fmt: skip
+        return covariance
+
+
+@kernel("void(f8[:, ::1], f8, f8, f8[::1], f8, f8, f8[:, ::1])")
+def _add_terms(
+    information: FloatArray, image: float, outline: float, towards: FloatArray, turn: float, shift: float,
+    covariance: FloatArray,
+) -> None:  # fmt: skip
+    """Fill covariance (6, 6), see `PoseUncertainty.covariance`; the information (6, 6) is used up.
+
+    image: multiple of the solve's own; outline, turn, shift: variances, the first along towards (3,).
+    """
+    for i in range(6):
         # A direction that the image says nothing of is as uncertain as can be, not infinitely so.
-        known = np.array(information, np.float64)
-        known.flat[::7] += 1e-9 * known.diagonal() + 1e-9
-        covariance = np.empty((6, 6))
-        invert(known, covariance)
-        covariance *= self.image
-        covariance += self.outline_mm**2 * towards[:, None] * towards
-        mm_per_px = centre_cam[2] / camera.fx
-        turn, shift = (self.turn_px * mm_per_px / radius_mm) ** 2, (self.shift_px * mm_per_px) ** 2
-        covariance.flat[::7] += (turn, turn, turn, shift, shift, shift)
-        return np.asarray(0.5 * (covariance + covariance.T))
+        information[i, i] += 1e-9 * information[i, i] + 1e-9
+    own = np.empty((6, 6))
+    invert(information, own)
+    for i in range(6):
+        for k in range(6):
+            own[i, k] *= image
+            if i >= 3 and k >= 3:
+                own[i, k] += outline * towards[i - 3] * towards[k - 3]
+        own[i, i] += turn if i < 3 else shift
+    for i in range(6):
+        for k in range(6):
+            covariance[i, k] = 0.5 * (own[i, k] + own[k, i])
 
 
 def spread(covariance: FloatArray) -> tuple[float, float]:

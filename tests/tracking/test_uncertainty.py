@@ -66,6 +66,20 @@ def test_a_direction_that_the_image_says_nothing_of_is_finite_and_large() -> Non
     assert covariance[2, 2] > 1e6
 
 
+def test_all_terms_together_are_those_of_a_slow_twin() -> None:
+    config, centre, radius = PoseUncertainty(2.0, 0.1, 0.4, 0.2), np.array([30.0, -40.0, 300.0]), 40.0
+    known = information()
+    before = known.copy()
+    towards, mm_per_px = np.concatenate([np.zeros(3), centre / radius]), 300.0 / CAMERA.fx
+    own = 2.0 * np.linalg.inv(known + np.diag(1e-9 * known.diagonal() + 1e-9))
+    rim = np.repeat([0.4 * mm_per_px / radius, 0.2 * mm_per_px], 3)
+    expected = own + 0.1**2 * np.outer(towards, towards) + np.diag(rim**2)
+    covariance = config.covariance(known, centre, CAMERA, radius)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-10, atol=1e-15)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    np.testing.assert_array_equal(known, before)
+
+
 def test_drawn_sequences_are_about_as_exact_as_it_says() -> None:
     part = bracket()
     truths = poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3), 12)

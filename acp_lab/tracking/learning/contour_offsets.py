@@ -263,7 +263,7 @@ class ContourOffsets:
         """Let what was measured count less by how far the view has turned; to_eye_obj: (3,), object frame."""
         if not self.config.view_deg:
             return
-        to_eye = to_eye_obj / max(float(np.linalg.norm(to_eye_obj)), 1e-9)
+        to_eye = to_eye_obj / max(math.sqrt(to_eye_obj @ to_eye_obj), 1e-9)
         if self._to_eye is None:
             self._to_eye = to_eye
             return

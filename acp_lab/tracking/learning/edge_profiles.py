@@ -135,14 +135,15 @@ def describe(
         blur_px: (n,) over which motion smears edges along the normals; None for not at all.
     """
     smear = np.zeros(len(points)) if blur_px is None else np.abs(blur_px)
+    halves = np.zeros(len(points), np.int64) if blur_px is None else half_widths(smear)
     count, edges = candidates.scores.size, views.edges
     rows, columns, sides = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(len(points))
     features = np.empty((count, FEATURES), np.float32)
     found = _describe(
-        patch.channels, plain(points - patch.origin), plain(normals), candidates.offsets, candidates.scores,
+        patch.channels, *patch.origin, plain(points), plain(normals), candidates.offsets, candidates.scores,
         edges.points_obj, edges.normals_obj, edges.crease, edges.convex, np.ascontiguousarray(views.ids),
         np.ascontiguousarray(views.outline), plain(views.cam_T_obj), views.focal_px, _log_light(patch.gamma), sigma_px,
-        least, smear, half_widths(smear), rows, columns, sides, features,
+        least, smear, halves, rows, columns, sides, features,
     )  # fmt: skip
     return Profiles(rows[:found], columns[:found], sides, features[:found])
 
@@ -268,17 +269,21 @@ def _log_light(gamma: float) -> Float32Array:
 
 
 @kernel(
-    "i8(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], b1[::1], b1[::1],"
-    " i8[::1], b1[::1], f8[:, ::1], f8, f4[::1], f8, f8, f8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f4[:, ::1])",
+    "i8(f4[:, :, ::1], f8, f8, f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, :, ::1], b1[::1],"
+    " b1[::1], i8[::1], b1[::1], f8[:, ::1], f8, f4[::1], f8, f8, f8[::1], i8[::1], i8[::1], i8[::1], f8[::1],"
+    " f4[:, ::1])",
     fastmath=frozenset({"contract"}),
 )
 def _describe(
-    channels: Float32Array, points: FloatArray, normals: FloatArray, offsets: FloatArray, scores: FloatArray,
-    points_obj: FloatArray, normals_obj: FloatArray, crease: BoolArray, convex: BoolArray, ids: IntArray,
-    outline: BoolArray, pose: FloatArray, focal: float, light: Float32Array, sigma: float, least: float,
+    channels: Float32Array, x0: float, y0: float, points: FloatArray, normals: FloatArray, offsets: FloatArray,
+    scores: FloatArray, points_obj: FloatArray, normals_obj: FloatArray, crease: BoolArray, convex: BoolArray,
+    ids: IntArray, outline: BoolArray, pose: FloatArray, focal: float, light: Float32Array, sigma: float, least: float,
     smear: FloatArray, halves: IntArray, rows: IntArray, columns: IntArray, sides: FloatArray, features: Float32Array,
 ) -> int:  # fmt: skip
-    """Fill rows, columns, sides and features, see `Profiles`; returns how many candidates were described."""
+    """Fill rows, columns, sides and features, see `Profiles`; returns how many candidates were described.
+
+    channels, x0, y0: see `edge_search_kernel.strongest_peaks`.
+    """
     count, narrow = 0, -0.5 / (sigma * sigma)
     view, across, along = np.empty(3), np.empty(3), np.empty(3)
     at, faces, facing = np.empty(3), np.empty((2, 3)), np.empty((2, 3))
@@ -291,11 +296,12 @@ def _describe(
     for i in range(len(points)):
         sample, nx, ny = ids[i], normals[i, 0], normals[i, 1]
         for k in range(3):
-            at[k], faces[0, k], faces[1, k] = pose[k, 3], 0.0, 0.0
+            place, first_face, second_face = pose[k, 3], 0.0, 0.0
             for j in range(3):
-                at[k] += pose[k, j] * points_obj[sample, j]
-                faces[0, k] += pose[k, j] * normals_obj[sample, 0, j]
-                faces[1, k] += pose[k, j] * normals_obj[sample, 1, j]
+                place += pose[k, j] * points_obj[sample, j]
+                first_face += pose[k, j] * normals_obj[sample, 0, j]
+                second_face += pose[k, j] * normals_obj[sample, 1, j]
+            at[k], faces[0, k], faces[1, k] = place, first_face, second_face
         # Axes at the sample: to the eye, across the edge in the image plane, along it.
         length = np.sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2])
         for k in range(3):
@@ -316,12 +322,12 @@ def _describe(
         front = 1 if second_view > first_view else 0
         for which in range(2):
             face = front if which == 0 else 1 - front
+            by_across, by_view, by_along = 0.0, 0.0, 0.0
             for k in range(3):
-                facing[which, k] = 0.0
-            for k in range(3):
-                facing[which, 0] += faces[face, k] * across[k]
-                facing[which, 1] += faces[face, k] * view[k]
-                facing[which, 2] += faces[face, k] * along[k]
+                by_across += faces[face, k] * across[k]
+                by_view += faces[face, k] * view[k]
+                by_along += faces[face, k] * along[k]
+            facing[which, 0], facing[which, 1], facing[which, 2] = by_across, by_view, by_along
         towards = facing[0, 0] + facing[1, 0] if outline[i] else facing[1, 0] - facing[0, 0]
         side = -1.0 if towards < 0.0 else 1.0
         sides[i] = side
@@ -332,7 +338,7 @@ def _describe(
             if not scores[i, m] > least or not scores[i, m] * np.exp(narrow * offsets[i, m] * offsets[i, m]) > least:
                 continue
             first = offsets[i, m] - side * middle
-            x, y = points[i, 0] + first * nx, points[i, 1] + first * ny
+            x, y = points[i, 0] - x0 + first * nx, points[i, 1] - y0 + first * ny
             read_profile(channels, x, y, side * nx, side * ny, raw)
             average_along(raw[0], room, half, profile[0])
             average_along(raw[1], room, half, profile[1])

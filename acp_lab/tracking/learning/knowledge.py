@@ -16,8 +16,7 @@ from acp_lab.compiled import kernel
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import BoolArray, FloatArray, plain
-from acp_lab.geometry.pose import transform
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search import Candidates, ImagePatch
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
@@ -110,15 +109,22 @@ class Matches:
     @property
     def in_image(self) -> BoolArray:
         """(n,) whether an edge lies in the image: of the others nothing can be found, and that says nothing of them."""
-        camera, points = self.at.view.camera, self.edges.points
-        inside = (points >= 0.0) & (points <= (camera.width - 1, camera.height - 1))
-        return np.asarray(inside.all(1))
+        camera, inside = self.at.view.camera, np.empty(len(self.edges), np.bool_)
+        _in_image(plain(self.edges.points), camera.width - 1.0, camera.height - 1.0, inside)
+        return inside
 
     @property
     def gradients(self) -> FloatArray:
         """(n,) grey levels per px of the chosen edges, along the normals."""
-        chosen: FloatArray = self.candidates.gradients[np.arange(len(self.best)), self.best]
+        chosen: FloatArray = self.candidates.gradients.reshape(-1).take(self._chosen)
         return chosen
+
+    @property
+    def _chosen(self) -> IntArray:
+        """(n,) places of the chosen ones among all candidates, row by row."""
+        count, most = self.candidates.scores.shape
+        places: IntArray = np.arange(0, count * most, most) + self.best
+        return places
 
     @property
     def outward(self) -> FloatArray:
@@ -143,15 +149,16 @@ class Matches:
         """What the chosen edges say of the part's traits; None where no profiles were read."""
         if self.shifts is None:
             return None
-        chosen, residuals_px = (np.arange(len(self.best)), self.best), self.sure_residuals_px
+        chosen, residuals_px = self._chosen, self.sure_residuals_px
         if self.expected is not None:
             # Offsets that were measured know the part's traits already: edges are asked as if none had been.
             residuals_px = residuals_px + self.expected.offsets_px
-        shifts, centre_cam = self.shifts, transform(self.at.cam_T_obj, self.at.view.part.box_centre)
+        shifts, depth_mm = self.shifts, float(self.at.centre_cam[2])
+        slopes_px = shifts.slopes_px.reshape(-1, shifts.slopes_px.shape[2]).take(chosen, axis=0)
+        spreads_px = shifts.spreads_px.reshape(-1).take(chosen)
         return TraitEvidence(
-            residuals_px, shifts.slopes_px[chosen], shifts.spreads_px[chosen], self.jacobian, float(centre_cam[2]),
-            shifts.told_with,
-        )  # fmt: skip
+            residuals_px, slopes_px, spreads_px, self.jacobian, depth_mm, shifts.told_with
+        )
 
 
 class SampleKnowledge:
@@ -196,7 +203,8 @@ class SampleKnowledge:
         motion = at.view.motion
         if self.blur is None or self.blur.share == 0.0 or motion is None:
             return None
-        return self.blur.smear_px(at.lines(self.edges.points_obj[edges.sample_ids], normals).jacobian @ motion)
+        points_obj = self.edges.points_obj.take(edges.sample_ids, axis=0)
+        return self.blur.smear_px(at.lines(points_obj, normals).jacobian @ motion)
 
     def read_profiles(
         self, patch: ImagePatch, edges: GeneratedEdges, normals: FloatArray, candidates: Candidates, at: Estimate,
@@ -220,7 +228,7 @@ class SampleKnowledge:
         """
         if self.offsets is None:
             return None
-        directions = at.lines(self.edges.points_obj[edges.sample_ids], normals).directions
+        directions = at.lines(self.edges.points_obj.take(edges.sample_ids, axis=0), normals).directions
         directions_obj = directions @ at.cam_T_obj[:3, :3]
         return self.offsets.expect(edges.sample_ids, edges.outline, directions_obj, scatter_px)
 
@@ -316,6 +324,14 @@ class SampleKnowledge:
         motion = matches.at.view.motion
         if self.blur is not None and motion is not None:
             self.blur.learn(matches.patch, matches.edges.points, matches.normals, matches.jacobian @ motion)
+
+
+@kernel("void(f8[:, ::1], f8, f8, b1[::1])")
+def _in_image(points: FloatArray, right: float, bottom: float, inside: BoolArray) -> None:
+    """Fill inside (n,): whether points (n, 2) px lie from 0 to right and bottom."""
+    for n in range(len(points)):
+        x, y = points[n, 0], points[n, 1]
+        inside[n] = (x >= 0.0) & (x <= right) & (y >= 0.0) & (y <= bottom)
 
 
 @kernel("void(f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f8[::1])")

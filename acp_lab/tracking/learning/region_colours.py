@@ -13,7 +13,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, IntArray, Uint16Array, writable
+from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray, Uint16Array, writable
 
 _BINS = 32
 # Shares that say nothing any more; left to fade they would become numbers that processors are slow with.
@@ -51,7 +51,8 @@ class ColourConfig:
 class RegionColours:
     """Histograms of the part (foreground) and of what is around it (background).
 
-    log_odds: (32768,) natural, of a pixel being the part's, by its bin; 0 where nothing is known.
+    log_odds: (32768,) natural, of a pixel being the part's, by its bin; 0 where nothing is known. probability: the same
+    as a probability.
     """
 
     def __init__(self, config: ColourConfig) -> None:
@@ -61,6 +62,7 @@ class RegionColours:
         # Bins of all colours seen so far, the first `_count`; the others need not be gone through.
         self._is_seen, self._seen, self._count = np.zeros(_BINS**3, np.bool_), np.empty(_BINS**3, np.int64), 0
         self.log_odds: Float32Array = np.zeros(_BINS**3, np.float32)
+        self.probability: FloatArray = np.full(_BINS**3, 0.5)
 
     @property
     def is_known(self) -> bool:
@@ -87,7 +89,7 @@ class RegionColours:
         for histogram, bins in zip((self._foreground, self._background), sides, strict=True):
             _take_in(histogram, seen, bins, rate)
         sure = math.log(self.config.certainty / (1.0 - self.config.certainty))
-        _odds(self._foreground, self._background, seen, self.config.least_share, sure, self.log_odds)
+        _odds(self._foreground, self._background, seen, self.config.least_share, sure, self.log_odds, self.probability)
 
 
 @kernel("i8(u1, u1, u1)")
@@ -129,20 +131,23 @@ def _take_in(histogram: Float32Array, seen: IntArray, bins: Uint16Array, rate: f
         histogram[pixel] += added
 
 
-@kernel("void(f4[::1], f4[::1], i8[::1], f8, f8, f4[::1])")
+@kernel("void(f4[::1], f4[::1], i8[::1], f8, f8, f4[::1], f8[::1])")
 def _odds(
-    foreground: Float32Array, background: Float32Array, seen: IntArray, least: float, most: float, found: Float32Array
-) -> None:
-    """Fill found, in the bins `seen`, with the log-odds of f / (f + b), which are those of f / b."""
-    highest = np.float32(np.exp(most))
+    foreground: Float32Array, background: Float32Array, seen: IntArray, least: float, most: float,
+    log_odds: Float32Array, probability: FloatArray,
+) -> None:  # fmt: skip
+    """Fill both, in the bins `seen`, with the log-odds of f / (f + b), which are those of f / b, and with that."""
+    highest, surest = np.float32(np.exp(most)), np.float32(most)
+    sure, unsure = 1.0 / (1.0 + np.exp(-np.float64(surest))), 1.0 / (1.0 + np.exp(np.float64(surest)))
     for k in seen:
-        found[k] = 0.0
+        log_odds[k], probability[k] = 0.0, 0.5
         if foreground[k] != background[k]:
             inside, outside = foreground[k] + np.float32(least), background[k] + np.float32(least)
             # Most colours are one side's alone, and need no logarithm.
             if inside >= highest * outside:
-                found[k] = most
+                log_odds[k], probability[k] = surest, sure
             elif outside >= highest * inside:
-                found[k] = -most
+                log_odds[k], probability[k] = -surest, unsure
             else:
-                found[k] = np.log(inside / outside)
+                log_odds[k] = np.log(inside / outside)
+                probability[k] = 1.0 / (1.0 + np.exp(-np.float64(log_odds[k])))

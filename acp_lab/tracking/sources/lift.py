@@ -76,7 +76,8 @@ class EdgeLifter:
 
     def points_obj(self, samples: IntArray) -> FloatArray:
         """(n, 3) mm in the object frame of samples (n,), NaN for -1."""
-        return self._points_obj[samples]
+        points_obj: FloatArray = self._points_obj.take(samples, axis=0)
+        return points_obj
 
     def by_length_on_part(self, generated: GeneratedEdges, samples: IntArray, at: Estimate) -> GeneratedEdges:
         """The same edges, their weights times the length on the part of what a px shows; samples (n,) are theirs.

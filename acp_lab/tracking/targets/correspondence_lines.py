@@ -72,10 +72,6 @@ class CorrespondenceLines:
         return len(self.rows)
 
     @cached_property
-    def _in_crop(self) -> FloatArray:
-        return self.points - self.crop.origin
-
-    @cached_property
     def _least_free(self) -> FloatArray:
         return np.minimum(self.free[0], self.free[1])
 
@@ -83,9 +79,8 @@ class CorrespondenceLines:
     def in_image(self) -> BoolArray:
         """(n,) whether a line of a px a segment lies in the image, and not partly beside it."""
         height, width, _ = self.crop.pixels.shape
-        half = 0.5 * _SEGMENTS * np.abs(self.outward)
-        low, high = self._in_crop - half, self._in_crop + half
-        inside: BoolArray = (low.min(1) >= 0.0) & (high <= (width - 1, height - 1)).all(1)
+        inside = np.empty(len(self), np.bool_)
+        _in_image(self.points, *self.crop.origin, self.outward, width - 1.0, height - 1.0, inside)
         return inside
 
     def posterior(self, scale: int, fade_px: float) -> FloatArray:
@@ -96,8 +91,8 @@ class CorrespondenceLines:
         found = np.empty((2, len(self)))
         log_odds = self.crop.colours.log_odds
         _posterior(
-            self.crop.pixels, log_odds, self._in_crop, self.outward, self._least_free, scale, fade_px, _STEP,
-            _LEAST_VARIANCE, found,
+            self.crop.pixels, log_odds, self.points, *self.crop.origin, self.outward, self._least_free, scale, fade_px,
+            _STEP, _LEAST_VARIANCE, found,
         )  # fmt: skip
         return found
 
@@ -105,16 +100,30 @@ class CorrespondenceLines:
         """Mean probability just inside less that just outside, in [-1, 1]; 0 with fewer than four lines."""
         if len(self) < _LEAST_LINES or not self.crop.colours.is_known:
             return 0.0
-        log_odds, free = self.crop.colours.log_odds, self._least_free
-        return float(_margin(self.crop.pixels, log_odds, self._in_crop, self.outward, free))
+        probability, free = self.crop.colours.probability, self._least_free
+        return float(_margin(self.crop.pixels, probability, self.points, *self.crop.origin, self.outward, free))
 
     def bins_beside(self, reach_px: int) -> tuple[Uint16Array, Uint16Array]:
         """(i,) bins of pixels of the part and (o,) of its background, less than `reach_px` from the outline."""
         inwards, outwards = (
-            _bins_along(self.crop.pixels, self._in_crop, sign * self.outward, free, reach_px)
-            for sign, free in zip((-1.0, 1.0), np.ascontiguousarray(self.free), strict=True)
+            _bins_along(self.crop.pixels, self.points, *self.crop.origin, self.outward, side, free, reach_px)
+            for side, free in zip((-1.0, 1.0), np.ascontiguousarray(self.free), strict=True)
         )
         return inwards, outwards
+
+
+@kernel("void(f8[:, ::1], f8, f8, f8[:, ::1], f8, f8, b1[::1])")
+def _in_image(
+    points: FloatArray, x0: float, y0: float, outward: FloatArray, right: float, bottom: float, inside: BoolArray
+) -> None:
+    """Fill inside (n,): whether all segments of lines lie from 0 to right and bottom of the crop, a px a segment.
+
+    Here and below: points (n, 2) px of the full image; x0, y0: its first px in the crop.
+    """
+    for i in range(len(points)):
+        x, y = points[i, 0] - x0, points[i, 1] - y0
+        across, along = 0.5 * _SEGMENTS * abs(outward[i, 0]), 0.5 * _SEGMENTS * abs(outward[i, 1])
+        inside[i] = (x - across >= 0.0) & (y - along >= 0.0) & (x + across <= right) & (y + along <= bottom)
 
 
 @kernel("void(u1[:, :, :], f8, f8, f8, f8, f8, i8[::1])")
@@ -146,10 +155,10 @@ def _odds_of(bin_: int, log_odds: Float32Array) -> float:
     return odds
 
 
-@kernel("void(u1[:, :, :], f4[::1], f8[:, ::1], f8[:, ::1], f8[::1], i8, f8, f8[::1], f8, f8[:, ::1])")
+@kernel("void(u1[:, :, :], f4[::1], f8[:, ::1], f8, f8, f8[:, ::1], f8[::1], i8, f8, f8[::1], f8, f8[:, ::1])")
 def _posterior(
-    pixels: ByteImage, log_odds: Float32Array, points: FloatArray, outward: FloatArray, free: FloatArray, scale: int,
-    fade: float, step: FloatArray, least_variance: float, found: FloatArray,
+    pixels: ByteImage, log_odds: Float32Array, points: FloatArray, x0: float, y0: float, outward: FloatArray,
+    free: FloatArray, scale: int, fade: float, step: FloatArray, least_variance: float, found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (2, n): the posterior's mean in px, and its weight: a clean step's variance as a share of its own."""
     segments, evidence, bins = np.empty(_SEGMENTS), np.empty(_PLACES), np.empty(_SEGMENTS * scale, np.int64)
@@ -158,7 +167,7 @@ def _posterior(
         if free[i] < 2.0 * scale:
             found[0, i], found[1, i] = 0.0, 0.0
             continue
-        _bins_on(pixels, points[i, 0], points[i, 1], outward[i, 0], outward[i, 1], first, bins)
+        _bins_on(pixels, points[i, 0] - x0, points[i, 1] - y0, outward[i, 0], outward[i, 1], first, bins)
         for segment in range(_SEGMENTS):
             total = 0.0
             for k in range(segment * scale, (segment + 1) * scale):
@@ -170,7 +179,7 @@ def _posterior(
             for k in range(_WINDOW):
                 total += segments[np.uint64(place + k)] * step[np.uint64(k)]
             evidence[place] = total
-            most = max(most, evidence[place])
+            most = max(most, total)
         total, mean, square = 0.0, 0.0, 0.0
         for place in range(_PLACES):
             probability, offset = np.exp(evidence[place] - most), place - 0.5 * (_PLACES - 1)
@@ -183,33 +192,40 @@ def _posterior(
         found[1, i] = weight * min(max(1.0 - max(abs(mean) - fade, 0.0) / _FADE, 0.0), 1.0)
 
 
-@kernel("f8(u1[:, :, :], f4[::1], f8[:, ::1], f8[:, ::1], f8[::1])")
+@kernel("f8(u1[:, :, :], f8[::1], f8[:, ::1], f8, f8, f8[:, ::1], f8[::1])")
 def _margin(
-    pixels: ByteImage, log_odds: Float32Array, points: FloatArray, outward: FloatArray, free: FloatArray
-) -> float:
+    pixels: ByteImage, probability: FloatArray, points: FloatArray, x0: float, y0: float, outward: FloatArray,
+    free: FloatArray,
+) -> float:  # fmt: skip
     """See `CorrespondenceLines.margin`; free: (n,) px that are free on both sides."""
     total, bins = 0.0, np.empty(2 * _MARGIN_PX + 1, np.int64)
     for i in range(len(points)):
         margin, count = 0.0, min(int(free[i]), _MARGIN_PX)
-        _bins_on(pixels, points[i, 0], points[i, 1], outward[i, 0], outward[i, 1], -_MARGIN_PX, bins)
+        _bins_on(pixels, points[i, 0] - x0, points[i, 1] - y0, outward[i, 0], outward[i, 1], -_MARGIN_PX, bins)
         for way in range(1, count + 1):
-            inside = _odds_of(bins[np.uint64(_MARGIN_PX - way)], log_odds)
-            outside = _odds_of(bins[np.uint64(_MARGIN_PX + way)], log_odds)
-            margin += 1.0 / (1.0 + np.exp(-inside)) - 1.0 / (1.0 + np.exp(-outside))
+            within, beyond = bins[np.uint64(_MARGIN_PX - way)], bins[np.uint64(_MARGIN_PX + way)]
+            inside = probability[np.uint64(within)] if within >= 0 else 0.5
+            outside = probability[np.uint64(beyond)] if beyond >= 0 else 0.5
+            margin += inside - outside
         total += margin / max(count, 1)
     return total / len(points)
 
 
-@kernel("u2[::1](u1[:, :, :], f8[:, ::1], f8[:, ::1], f8[::1], i8)")
+@kernel("u2[::1](u1[:, :, :], f8[:, ::1], f8, f8, f8[:, ::1], f8, f8[::1], i8)")
 def _bins_along(
-    pixels: ByteImage, points: FloatArray, way: FloatArray, free: FloatArray, reach_px: int
+    pixels: ByteImage, points: FloatArray, x0: float, y0: float, outward: FloatArray, side: float, free: FloatArray,
+    reach_px: int,
 ) -> Uint16Array:  # fmt: skip
-    """(m,) bins of the pixels at 1, 2, ... px along (n, 2) unit ways, less than `reach_px` and `free` (n,) away."""
+    """(m,) bins of the pixels at 1, 2, ... px to a side of the outline, less than `reach_px` and `free` (n,) away.
+
+    side: 1 for outwards, -1 for inwards.
+    """
     bins = np.empty(max(reach_px - 1, 0), np.int64)
     found, count = np.empty(len(points) * len(bins), np.uint16), 0
     for i in range(len(points)):
         along = bins[: min(len(bins), max(int(np.ceil(free[i])) - 1, 0))]
-        _bins_on(pixels, points[i, 0], points[i, 1], way[i, 0], way[i, 1], 1.0, along)
+        x, y, dx, dy = points[i, 0] - x0, points[i, 1] - y0, side * outward[i, 0], side * outward[i, 1]
+        _bins_on(pixels, x, y, dx, dy, 1.0, along)
         for seen in along:
             if seen < 0:
                 break

@@ -188,7 +188,8 @@ class NormalMeasure:
     @property
     def points_obj(self) -> FloatArray:
         """(n, 3) mm: the 3D samples of the edge points, where these are known."""
-        return self._target.knowledge.edges.points_obj[self.edges.sample_ids]
+        points_obj: FloatArray = self._target.knowledge.edges.points_obj.take(self.edges.sample_ids, axis=0)
+        return points_obj
 
     def distances(self, edges: GeneratedEdges) -> FloatArray:
         """(n, m) px along the normals from the points where they are now to where the candidates say."""
@@ -426,7 +427,7 @@ class NormalJudgement:
             self.residuals_px,
             self.residuals_above(_SURELY_FOUND),
             measure.expected,
-            measure.knowledge.edges.off_obj[ids],
+            measure.knowledge.edges.off_obj.take(ids, axis=0),
             measure.patch,
             measure.shifts,
         )

@@ -128,7 +128,7 @@ class FreeLengths:
 
     def seen_along(self, to_eye_obj: FloatArray, same_view_deg: float) -> FreeLengths:
         """These, to be added to, as long as the view has turned by less, at about the same distance; else none."""
-        before, now = np.linalg.norm(self.to_eye_obj), np.linalg.norm(to_eye_obj)
+        before, now = (math.sqrt(to_eye @ to_eye) for to_eye in (self.to_eye_obj, to_eye_obj))
         turned_less = to_eye_obj @ self.to_eye_obj > before * now * math.cos(math.radians(same_view_deg))
         # Lines are asked for in px, and so for shorter lengths where the part is near.
         if turned_less and _SAME_DISTANCE * now < before < now / _SAME_DISTANCE:
@@ -264,7 +264,7 @@ class RegionTarget:
         At most `reach_px`; 0 where there is no part inside or no background outside. By rays, once per view and
         sample: a pose that is refined, or a part that moves on without turning, changes it little.
         """
-        asked = np.flatnonzero(np.isnan(self.free.mm[0, ids]))
+        asked = np.flatnonzero(np.isnan(self.free.mm[0].take(ids)))
         if not len(asked):
             return
         reach = np.arange(_RAY_STEP_PX, self.memory.config.reach_px + 0.1, _RAY_STEP_PX)
@@ -272,8 +272,9 @@ class RegionTarget:
         pose = plain(at.cam_T_obj)
         line_rays(asked, points, outward, pose, at.view.camera.numbers, np.concatenate([-reach, reach]), rays_of_lines)
         rays_obj = rays_of_lines.reshape(-1, 3)
-        eye = np.broadcast_to(eye_position(pose), rays_obj.shape)
-        hit = self.memory.caster.occluded(eye, rays_obj, 1e9).reshape(len(asked), 2, len(reach))
+        eyes = np.empty_like(rays_obj)
+        eyes[:] = eye_position(pose)
+        hit = self.memory.caster.occluded(eyes, rays_obj, 1e9).reshape(len(asked), 2, len(reach))
         free_lengths(ids[asked], hit, _RAY_STEP_PX / px_per_mm[asked], self.free.mm)
 
 

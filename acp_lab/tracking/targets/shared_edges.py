@@ -100,14 +100,14 @@ def _weigh(
 
     weights: (n,) of the samples; covariance: (6, 6) of the expected pose; least_variance: px^2 where that is sure.
     """
+    # Of all samples in every loop: a processor sums several at once.
+    columns, variances = jacobian.T.copy(), np.full(len(scores), least_variance)
+    for j in range(6):
+        for k in range(6):
+            for i in range(len(scores)):
+                variances[i] += columns[j, i] * covariance[j, k] * columns[k, i]
     for i in range(len(scores)):
-        if not scores[i].any():
-            continue
-        variance = least_variance
-        for j in range(6):
-            for k in range(6):
-                variance += jacobian[i, j] * covariance[j, k] * jacobian[i, k]
-        narrow = -0.5 / variance
+        narrow = -0.5 / variances[i]
         for k in range(scores.shape[1]):
             if scores[i, k] != 0.0:
                 masses[i, k] = weights[i] * scores[i, k] * np.exp(narrow * offsets[i, k] * offsets[i, k])

@@ -194,6 +194,33 @@ def test_a_solved_frame_teaches_look_and_reliability(broken: PreparedPart, edges
     assert (other.reliability.weights(edges.sample_ids, edges.outline) < before).all()
 
 
+def test_which_edges_lie_in_the_image_is_that_of_a_slow_twin(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate, rng: np.random.Generator
+) -> None:
+    right, bottom = at.view.camera.width - 1.0, at.view.camera.height - 1.0
+    points = rng.uniform((-0.5 * right, -0.5 * bottom), (1.5 * right, 1.5 * bottom), edges.points.shape)
+    points[:4] = (0.0, 0.0), (right, bottom), (np.nextafter(right, np.inf), 0.0), (0.0, np.nan)
+    seen = matches(SampleKnowledge(ALL, broken), replace(edges, points=points), at)
+    expected = ((points >= 0.0) & (points <= (right, bottom))).all(1)
+    np.testing.assert_array_equal(seen.in_image, expected)
+    assert expected[:4].tolist() == [True, True, False, False]
+
+
+def test_what_the_chosen_edges_say_is_that_of_their_columns(
+    broken: PreparedPart, edges: GeneratedEdges, at: Estimate, rng: np.random.Generator
+) -> None:
+    shape = (len(edges), 3)
+    shifts = ProfileShifts(*rng.normal(size=(2, *shape)), rng.normal(size=(*shape, 2)), np.zeros(2))
+    found = Candidates(*rng.normal(size=(5, *shape)))
+    best = rng.integers(0, 3, len(edges))
+    seen = replace(matches(SampleKnowledge(ALL, broken), edges, at), candidates=found, best=best, shifts=shifts)
+    rows, evidence = np.arange(len(edges)), seen.trait_evidence
+    assert evidence is not None
+    np.testing.assert_array_equal(seen.gradients, found.gradients[rows, best])
+    np.testing.assert_array_equal(evidence.spreads_px, shifts.spreads_px[rows, best])
+    np.testing.assert_array_equal(evidence.slopes_px, shifts.slopes_px[rows, best])
+
+
 @pytest.mark.parametrize("offsets", [OffsetConfig(), Off()])
 def test_outlines_know_which_way_leads_off_the_part(
     broken: PreparedPart, edges: GeneratedEdges, at: Estimate, offsets: OffsetConfig | Off

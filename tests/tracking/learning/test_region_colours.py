@@ -38,6 +38,15 @@ def test_log_odds_are_those_of_the_shares() -> None:
     assert colours.log_odds[BLUE] < -15.0
 
 
+def test_probabilities_are_those_of_the_log_odds(rng: np.random.Generator) -> None:
+    colours = RegionColours(ColourConfig())
+    np.testing.assert_array_equal(colours.probability, 0.5)
+    for _ in range(3):
+        colours.learn(rng.integers(0, 60, 400), rng.integers(40, 100, 400))
+        np.testing.assert_allclose(colours.probability, 1.0 / (1.0 + np.exp(-colours.log_odds.astype(np.float64))))
+    assert len(np.unique(colours.probability)) > 5
+
+
 def test_a_colour_never_seen_says_nothing_and_a_rare_one_little() -> None:
     colours = RegionColours(ColourConfig(least_share=0.01))
     colours.learn(pixels((RED, 999), (GREEN, 1)), pixels((BLUE, 1000)))

@@ -101,6 +101,22 @@ def test_pixels_beyond_the_crop_say_nothing_whatever_is_known_of_white(drawn: Dr
     np.testing.assert_array_equal(drawn.lines.posterior(4, FADE_PX), before)
 
 
+def test_pixels_beyond_the_crop_may_be_either(drawn: Drawn) -> None:
+    before = drawn.lines.margin()
+    drawn.lines.crop.colours.probability[-1] = 0.9
+    assert drawn.lines.margin() == before
+
+
+def test_which_lines_lie_in_the_crop_is_that_of_a_slow_twin(drawn: Drawn) -> None:
+    lines, size = drawn.lines, (drawn.lines.crop.pixels.shape[1] - 1, drawn.lines.crop.pixels.shape[0] - 1)
+    half = 0.5 * 19 * np.abs(lines.outward)  # of as many segments, a px each
+    in_crop = lines.points - lines.crop.origin
+    expected = (in_crop - half >= 0.0).all(1) & (in_crop + half <= size).all(1)
+    np.testing.assert_array_equal(lines.in_image, expected)
+    assert expected.any()
+    assert not expected.all()
+
+
 def test_the_margin_is_that_of_its_slow_twin(drawn: Drawn) -> None:
     margins = []
     for line in range(len(drawn.lines)):
