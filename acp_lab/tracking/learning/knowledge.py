@@ -156,9 +156,7 @@ class Matches:
         shifts, depth_mm = self.shifts, float(self.at.centre_cam[2])
         slopes_px = shifts.slopes_px.reshape(-1, shifts.slopes_px.shape[2]).take(chosen, axis=0)
         spreads_px = shifts.spreads_px.reshape(-1).take(chosen)
-        return TraitEvidence(
-            residuals_px, slopes_px, spreads_px, self.jacobian, depth_mm, shifts.told_with
-        )
+        return TraitEvidence(residuals_px, slopes_px, spreads_px, self.jacobian, depth_mm, shifts.told_with)
 
 
 class SampleKnowledge:
