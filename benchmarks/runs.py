@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from acp_lab.tracking.method import Method
 
 ORDERS = {"forwards": slice(None), "backwards": slice(None, None, -1), "second": slice(None, None, 2),
-          "third": slice(None, None, 3), "fourth": slice(None, None, 4)}  # fmt: skip
+          "third": slice(None, None, 3), "fourth": slice(None, None, 4),
+          "fourth-backwards": slice(None, None, -4)}  # fmt: skip
 """Which frames, in which order: "second" is every second frame."""
 STARTS = {"truth": (0.0, 0.0), "0.5": (0.5, 0.5), "2": (2.0, 2.0), "5": (5.0, 5.0)}
 """How far the start pose is off: degrees, mm."""

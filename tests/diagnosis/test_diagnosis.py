@@ -28,6 +28,7 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import ACP, ACP_EDGES
 from acp_lab.tracking.method_file import to_toml
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
+from acp_lab.tracking.recovery import Alternatives
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker
@@ -261,7 +262,9 @@ def test_motion_beyond_the_search(part: Part, model: PreparedPart, truth: list[F
     for pose in jumped[TROUBLE:]:
         pose[:3, 3] += (48.0, 9.0, 0.0)  # about 63 px
     images = [draw([(part, pose)], seed) for seed, pose in enumerate(jumped)]
-    run = track(model, images, jumped)
+    # A wide cloud would find it.
+    method = replace(ACP, recovery=Alternatives(wide_below=0.0))
+    run = Tracker(model, method).run(MadeSequence(images, {1: jumped}), jumped[0])
     diagnosis = named(run if known else without_truth(run), TROUBLE)
     assert Cause.FAST_MOTION in diagnosis.causes
     (finding,) = [finding for finding in diagnosis.findings if finding.cause is Cause.FAST_MOTION]
