@@ -412,6 +412,14 @@ def test_a_wide_cloud_is_searched_where_the_first_shows_nothing_that_fits_well(
         )
 
 
+def test_no_wide_cloud_is_searched_for_a_part_that_is_lost(part: Part, view: View, predicted: FloatArray) -> None:
+    for lost, searched in ((False, True), (True, False)):
+        solver = Compared(part, predicted, {}, refined=0.9, in_cloud=0.4, in_wide_cloud=0.9)
+        compared(solver, view, first_try(view, 0.3), SEARCHING_WIDE, lost=lost, due=lost)
+        assert "cloud" in solver.tried
+        assert ("wide cloud" in solver.tried) == searched
+
+
 def test_where_the_cloud_s_place_is_not_taken_the_best_alternative_has_its_chance(
     part: Part, view: View, predicted: FloatArray
 ) -> None:
