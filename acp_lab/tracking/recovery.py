@@ -83,8 +83,8 @@ class Alternatives:
             never.
         cloud: its poses. They are chosen as in a first frame, by what the image shows of edges, whatever was learnt.
         wide_below: share of the running mean score. Where the best of the cloud does not reach it, and the part is
-            not lost, a wide one is searched as well, and only what reaches it there is taken for better: among so many poses some fit better
-            than the true one of a covered part. 0 for never.
+            not lost, a wide one is searched as well, and only what reaches it there is taken for better: among so many
+            poses some fit better than the true one of a covered part. 0 for never.
         wide_cloud: its poses.
     """
 
@@ -263,7 +263,7 @@ def _in_cloud(
     clock.lap()
     best = _reaching(least, search_cloud(solver, seen, situation.predicted, config.cloud))
     well = config.wide_below * situation.mean_score
-    # For a part that is lost the detector looks, or nothing does: a hidden one should not take so long in many frames.
+    # A part that stays hidden should not take so long in frame after frame; when it is lost the detector looks for it.
     if well > 0.0 and not situation.is_lost and (best is None or best.score < well):
         best = _reaching(well, search_cloud(solver, seen, situation.predicted, config.wide_cloud)) or best
     clock.search_s += clock.lap()
