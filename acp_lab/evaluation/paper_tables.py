@@ -111,7 +111,7 @@ METAL_PUBLIC = Table(
     "here: three path-traced sequences of metal parts, 29 frames each",
     ("regular", "hand, light", "occlusion"),
     (
-        MethodRow("acp, this toolkit", (1.00, 1.00, 1.00), (1.00, 1.00, 1.00), 2.3),
+        MethodRow("acp, this toolkit", (1.00, 1.00, 1.00), (1.00, 1.00, 1.00), 2.0),
         MethodRow("SRT3D", (0.83, 0.00, 0.07), (1.00, 0.00, 0.45), 0.7),
         MethodRow("M3T, region", (0.62, 0.00, 0.07), (1.00, 0.00, 0.59), 0.7),
         MethodRow("M3T, region and ORB", (0.72, 0.00, 0.10), (1.00, 0.00, 0.69), 3.2),
