@@ -6,7 +6,7 @@ lets one method both find the way and fine-tune.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -103,11 +103,10 @@ def scaled(levels: tuple[Level, ...], size_px: float) -> tuple[Level, ...]:
     """Levels for a part of size_px in the image: as they are from 150 px on, down to half below; never too fine."""
     scale = min(max(size_px / FULL_SIZE_PX, 0.5), 1.0)
     return tuple(
-        Level(
-            max(round(level.reach_px * scale), _LEAST_REACH_PX),
-            max(level.sigma_px * scale, 1.0),
-            level.samples,
-            level.edge_share,
+        replace(
+            level,
+            reach_px=max(round(level.reach_px * scale), _LEAST_REACH_PX),
+            sigma_px=max(level.sigma_px * scale, 1.0),
         )
         for level in levels
     )

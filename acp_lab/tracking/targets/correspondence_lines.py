@@ -118,7 +118,7 @@ def _in_image(
 ) -> None:
     """Fill inside (n,): whether all segments of lines lie from 0 to right and bottom of the crop, a px a segment.
 
-    Here and below: points (n, 2) px of the full image; x0, y0: its first px in the crop.
+    Here and below: points (n, 2) px of the full image, of which px (x0, y0) is the crop's first.
     """
     for i in range(len(points)):
         x, y = points[i, 0] - x0, points[i, 1] - y0
