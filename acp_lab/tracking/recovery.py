@@ -15,20 +15,23 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from acp_lab.cad.part import Part
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.search import (
+    REGIONS_FIRST,
     Cloud,
     Look,
     PoseSolver,
     SearchPlan,
     better,
     is_plausible,
+    lies_elsewhere,
     ring,
     search,
     search_around,
-    search_cloud,
+    solutions_in_cloud,
 )
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -64,8 +67,6 @@ class SecondTries:
         return first is not None and first.judgement.quality >= self.below * mean_quality
 
 
-# With edges that hardly count at first, from where regions see the part; and the last level.
-REGIONS_FIRST = (Level(20, 8.0, 250, 0.01), Level(14, 5.0, 250, 0.02), Level(8, 2.0, 400, 0.1))
 LAST_LEVEL = (Level(5, 1.0, 600),)
 
 
@@ -81,11 +82,14 @@ class Alternatives:
         cloud_below: share of the running mean score. Where neither the first try nor an alternative reaches it, a cloud
             around the predicted pose is searched, and the best of that must reach it before its last level; 0 for
             never.
-        cloud: its poses. They are chosen as in a first frame, by what the image shows of edges, whatever was learnt.
+        cloud: its poses.
         wide_below: share of the running mean score. Where the best of the cloud does not reach it, and the part is
             not lost, a wide one is searched as well, and only what reaches it there is taken for better: among so many
             poses some fit better than the true one of a covered part. 0 for never.
         wide_cloud: its poses.
+        stands_out_above, stands_out_by: shares of the running mean score. What reaches neither of these is taken all
+            the same where it is above the first, and above all that was found elsewhere by the second: in a frame
+            smeared by motion even the true pose fits far worse than usual, but no other fits nearly as well.
     """
 
     kind: ClassVar[str] = "alternatives"
@@ -95,13 +99,17 @@ class Alternatives:
     innovation_cost: float = 0.003
     most_innovation: float = 100.0
     cloud_below: float = 0.5
-    cloud: Cloud = field(default_factory=lambda: Cloud(5.0, 0.3, 60, 6, 2))
+    cloud: Cloud = field(default_factory=lambda: Cloud(5.0, 0.3, 60, 6, 4))
     wide_below: float = 0.65
-    wide_cloud: Cloud = field(default_factory=lambda: Cloud(15.0, 0.4, 300, 12, 2))
+    wide_cloud: Cloud = field(default_factory=lambda: Cloud(15.0, 0.4, 300, 12, 4))
+    stands_out_above: float = 0.35
+    stands_out_by: float = 0.1
 
     def __post_init__(self) -> None:
-        names = "below", "slack", "gain", "innovation_cost", "most_innovation", "cloud_below", "wide_below"
-        for name in names:
+        for name in (
+            "below", "slack", "gain", "innovation_cost", "most_innovation", "cloud_below", "wide_below",
+            "stands_out_above", "stands_out_by",
+        ):  # fmt: skip
             if not 0.0 <= getattr(self, name) < float("inf"):
                 raise TrackingError(f"recovery.{name} = {getattr(self, name):g}: give 0 or more")
         self.cloud.check("recovery.cloud.")
@@ -261,18 +269,33 @@ def _in_cloud(
     if seen is None:
         return None
     clock.lap()
-    best = _reaching(least, search_cloud(solver, seen, situation.predicted, config.cloud))
+    found = solutions_in_cloud(solver, seen, situation.predicted, config.cloud)
+    best = _reaching(least, found)
     well = config.wide_below * situation.mean_score
     # A part that stays hidden should not take so long in frame after frame; when it is lost the detector looks for it.
-    if well > 0.0 and not situation.is_lost and (best is None or best.score < well):
-        best = _reaching(well, search_cloud(solver, seen, situation.predicted, config.wide_cloud)) or best
+    if well > 0.0 and not situation.is_lost and _reaching(well, found) is None:
+        found += solutions_in_cloud(solver, seen, situation.predicted, config.wide_cloud)
+        found.sort(key=lambda solution: -solution.score)
+        best = _reaching(well, found) or best or _standing_out(found, reached, situation, config, solver.part)
     clock.search_s += clock.lap()
     return None if best is None else (seen, best)
 
 
-def _reaching(least: float, scattered: Solution | None) -> Solution | None:
-    """What was found in a cloud; None where it fits too badly for a part in sight."""
-    return scattered if scattered is not None and scattered.score >= least else None
+def _reaching(least: float, found: list[Solution]) -> Solution | None:
+    """The best of what was found; None where it fits too badly for a part in sight."""
+    return found[0] if found and found[0].score >= least else None
+
+
+def _standing_out(
+    found: list[Solution], reached: float, situation: Situation, config: Alternatives, part: Part
+) -> Solution | None:
+    """The best of what was found, where it fits better by far than all else does, see `Alternatives.stands_out_by`."""
+    best = found[0] if found else None
+    if best is None or best.score < config.stands_out_above * situation.mean_score:
+        return None
+    elsewhere = (one.score for one in found if lies_elsewhere(one.cam_T_obj, best.cam_T_obj, part))
+    others = max(reached, next(elsewhere, reached))
+    return best if best.score > others + config.stands_out_by * situation.mean_score else None
 
 
 def _other_tries(

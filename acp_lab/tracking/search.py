@@ -31,12 +31,16 @@ AGREEMENT_LEVEL = Level(6, 1.2)
 """For comparing poses with each other."""
 LOOK_AROUND = Level(12, 5.0, 150)
 """For choosing among poses of which none is near: wide, and with few samples."""
+REGIONS_FIRST = (Level(20, 8.0, 250, 0.01), Level(14, 5.0, 250, 0.02), Level(8, 2.0, 400, 0.1))
+"""With edges that hardly count at first, from where regions see the part."""
 _CLOUD_LEVELS, _FINE_LEVELS = WIDE_LEVELS[1:], (Level(8, 2.0, 400), Level(5, 1.0, 600))
 # Standard deviations from the middle of a cloud to its rim: the rms distance of its poses, over all six directions.
 _RIM = 2.45
 _RING = 8
 # No part turns more from one frame to the next; nor does it move by its own size.
 _LARGEST_TURN_DEG = 45.0
+# Of the radius: poses that move points of the part by more are of different places.
+_ELSEWHERE = 0.2
 
 
 Look = Callable[[FloatArray], SeenFrame | None]
@@ -173,6 +177,28 @@ def search_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, clo
     return search_among(solver, seen, cloud.around(cam_T_obj, solver.part), seen.view.at_pose, cloud.solved, plan)
 
 
+def solutions_in_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, cloud: Cloud) -> list[Solution]:
+    """What a cloud around a pose (4, 4) leads to, by score, the best first; empty where nothing is solved.
+
+    Like `search_cloud`, for a part whose look is known: which pose is right, its score says far more surely than its
+    agreement, but only once a pose is near. So all that were solved are refined, and of these the finalists once more,
+    with regions first, which lead on from farther off than fine levels do.
+    """
+    seen, clock = solver.afresh(seen), Stopwatch()
+    looked = sorted(
+        cloud.around(cam_T_obj, solver.part),
+        key=lambda pose: -solver.agreement(seen, seen.view.at_pose(pose), LOOK_AROUND),
+    )
+
+    def solved(starts: Iterable[Estimate], levels: tuple[Level, ...]) -> list[Solution]:
+        return _ranked((solver.solve(seen, start, clock, levels) for start in starts), lambda found: found.score)
+
+    wide = solved(map(seen.view.at_pose, looked[: cloud.solved]), _CLOUD_LEVELS)
+    fine = solved((found.estimate for found in wide), _FINE_LEVELS)
+    again = solved((found.estimate for found in fine[: cloud.finalists]), (*REGIONS_FIRST, *_FINE_LEVELS))
+    return sorted([*fine, *again], key=lambda found: -found.score)
+
+
 def search_on(
     solver: PoseSolver, look: Look, seen: SeenFrame, cloud: Cloud, clouds: int
 ) -> tuple[SeenFrame, Solution] | None:
@@ -253,6 +279,12 @@ def is_plausible(cam_T_obj: FloatArray, last: FloatArray, part: Part) -> bool:
     step_between(plain(last), plain(cam_T_obj), plain(part.box_centre), step)
     turn, shift = math.hypot(*step[:3]), math.hypot(*step[3:])
     return math.degrees(turn) < _LARGEST_TURN_DEG and shift < 2.0 * part.radius
+
+
+def lies_elsewhere(cam_T_obj: FloatArray, other: FloatArray, part: Part) -> bool:
+    """Whether two poses (4, 4) are farther apart than two solutions of one place are."""
+    step = pose_step_between(cam_T_obj, other, part.box_centre)
+    return float(np.linalg.norm(step[:3])) * part.radius + float(np.linalg.norm(step[3:])) > _ELSEWHERE * part.radius
 
 
 def better(first: Solution | None, second: Solution | None) -> Solution | None:

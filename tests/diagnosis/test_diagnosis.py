@@ -262,8 +262,8 @@ def test_motion_beyond_the_search(part: Part, model: PreparedPart, truth: list[F
     for pose in jumped[TROUBLE:]:
         pose[:3, 3] += (48.0, 9.0, 0.0)  # about 63 px
     images = [draw([(part, pose)], seed) for seed, pose in enumerate(jumped)]
-    # A wide cloud would find it.
-    method = replace(ACP, recovery=Alternatives(wide_below=0.0))
+    # A cloud would find it.
+    method = replace(ACP, recovery=Alternatives(cloud_below=0.0))
     run = Tracker(model, method).run(MadeSequence(images, {1: jumped}), jumped[0])
     diagnosis = named(run if known else without_truth(run), TROUBLE)
     assert Cause.FAST_MOTION in diagnosis.causes

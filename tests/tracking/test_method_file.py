@@ -89,7 +89,9 @@ FUSED = Method(
     prediction=KalmanPrediction(1.0, 2.0, 0.1, 5.0, 0.15, 1.5, 2.5, 3.0, 2.0, 0.3),
     sight=PictureSearch(20, 0.5, 0.7, 0.4, 0.2, 3.0, 3.0, 5.0),
     start=TrustedStart(agreement_alone=0.65),
-    recovery=Alternatives(0.65, 0.1, 0.2, 0.01, 5.0, 0.4, Cloud(4.0, 0.2, 50, 5, 3), 0.7, Cloud(9.0, 0.3, 99, 7, 1)),
+    recovery=Alternatives(
+        0.65, 0.1, 0.2, 0.01, 5.0, 0.4, Cloud(4.0, 0.2, 50, 5, 3), 0.7, Cloud(9.0, 0.3, 99, 7, 1), 0.3, 0.2
+    ),
     way_back=WayBack(1e4, 3, 0.7, 0.3),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0),
     tones=ToneMatching(9.0, 0.4, 0.3, 0.7),

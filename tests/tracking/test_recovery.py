@@ -19,16 +19,9 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_view import Estimate, View
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method
-from acp_lab.tracking.recovery import (
-    LAST_LEVEL,
-    REGIONS_FIRST,
-    Alternatives,
-    SecondTries,
-    Situation,
-    recover,
-)
+from acp_lab.tracking.recovery import LAST_LEVEL, Alternatives, SecondTries, Situation, recover
 from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import WIDE_LEVELS, Cloud
+from acp_lab.tracking.search import REGIONS_FIRST, WIDE_LEVELS, Cloud
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
@@ -194,6 +187,11 @@ SEARCHING_WIDE = replace(
 )
 
 
+def rightmost(cloud: Cloud, predicted: FloatArray, part: Part) -> FloatArray:
+    """Of a cloud's poses around a predicted one."""
+    return max(cloud.around(predicted, part), key=lambda pose: transform(pose, part.box_centre)[0])
+
+
 @dataclass
 class Compared:
     """Leaves estimates where they are; scores are told by the pose and the levels of each try."""
@@ -206,6 +204,7 @@ class Compared:
     jumps: bool = False
     in_cloud: float = 0.0
     in_wide_cloud: float | None = None
+    elsewhere_in_wide_cloud: float | None = None
     leads_away: bool = False
     farthest: FloatArray | None = None
     tried: list[str] = field(default_factory=list)
@@ -226,6 +225,8 @@ class Compared:
             is_wide = self.in_wide_cloud is not None and not np.allclose(*middles)
             score = self.in_wide_cloud if self.in_wide_cloud is not None and is_wide else self.in_cloud
             self.tried[-1] = "wide cloud" if is_wide else "cloud"
+            if is_wide and self.elsewhere_in_wide_cloud is not None and not self.is_rightmost(start.cam_T_obj):
+                score = self.elsewhere_in_wide_cloud
             if self.leads_away:
                 self.farthest = start.cam_T_obj
         else:
@@ -241,6 +242,9 @@ class Compared:
 
     def afresh(self, seen: SeenFrame) -> SeenFrame:
         return seen
+
+    def is_rightmost(self, pose: FloatArray) -> bool:
+        return np.array_equal(pose, rightmost(SEARCHING_WIDE.wide_cloud, self.predicted, self.part))
 
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
         """The farther to the right the better."""
@@ -370,13 +374,10 @@ def test_a_cloud_is_searched_where_nothing_fits_half_as_well_as_usual(
             assert ("cloud" in solver.tried) == searched
             assert found is not None
             assert found.score == 0.9
-            rightmost = max(
-                SEARCHING.cloud.around(predicted, part), key=lambda pose: transform(pose, part.box_centre)[0]
-            )
-            assert np.array_equal(found.cam_T_obj, rightmost) == searched
+            assert np.array_equal(found.cam_T_obj, rightmost(SEARCHING.cloud, predicted, part)) == searched
     without_first = Compared(part, predicted, {}, refined=0.5, in_cloud=0.5)
     assert compared(without_first, view, None, SEARCHING) is not None
-    assert without_first.tried.count("cloud") == SEARCHING.cloud.solved + SEARCHING.cloud.finalists
+    assert without_first.tried.count("cloud") == 2 * SEARCHING.cloud.solved + SEARCHING.cloud.finalists
 
 
 def test_a_place_in_the_cloud_must_be_better_like_any_other(part: Part, view: View, predicted: FloatArray) -> None:
@@ -403,13 +404,31 @@ def test_a_wide_cloud_is_searched_where_the_first_shows_nothing_that_fits_well(
         assert ("wide cloud" in solver.tried) == (tried == "wide cloud")
         assert found is not None
         clouds = {"cloud": SEARCHING_WIDE.cloud, "wide cloud": SEARCHING_WIDE.wide_cloud}
-        rightmost = {
-            name: max(cloud.around(predicted, part), key=lambda pose: transform(pose, part.box_centre)[0])
-            for name, cloud in clouds.items()
-        }
-        assert {name for name, pose in rightmost.items() if np.array_equal(pose, found.cam_T_obj)} == (
+        of_cloud = {name: rightmost(cloud, predicted, part) for name, cloud in clouds.items()}
+        assert {name for name, pose in of_cloud.items() if np.array_equal(pose, found.cam_T_obj)} == (
             set() if taken is None else {taken}
         )
+
+
+def test_what_fits_better_by_far_than_all_else_is_taken_though_it_fits_badly(
+    part: Part, view: View, predicted: FloatArray
+) -> None:
+    """In a smeared frame even the true pose does."""
+    for first_score, in_wide, elsewhere, lost, is_taken in (
+        (0.2, 0.36, 0.25, False, True),
+        (0.2, 0.34, 0.2, False, False),  # what fits so badly may be anything
+        (0.2, 0.36, 0.27, False, False),  # another place fits nearly as well
+        (0.27, 0.36, 0.2, False, False),  # and so does the expected one
+        (0.2, 0.36, 0.2, True, False),
+    ):
+        solver = Compared(
+            part, predicted, {}, refined=0.9, in_cloud=0.1, in_wide_cloud=in_wide, elsewhere_in_wide_cloud=elsewhere
+        )
+        first = first_try(view, first_score)
+        found = compared(solver, view, first, SEARCHING_WIDE, lost=lost, due=lost)
+        assert found is not None
+        assert (found is not first) == is_taken
+        assert solver.is_rightmost(found.cam_T_obj) == is_taken
 
 
 def test_no_wide_cloud_is_searched_for_a_part_that_is_lost(part: Part, view: View, predicted: FloatArray) -> None:
@@ -470,7 +489,7 @@ def test_a_turn_and_a_leap_at_once_are_found_in_a_cloud(
 def test_a_part_that_leapt_farther_is_found_in_the_wide_cloud(
     part: Part, model: PreparedPart, sequence: MadeSequence
 ) -> None:
-    step = np.array([0.0, 0.3, 0.3, -40.0, 24.0, 60.0])
+    step = np.array([0.0, 0.4, 0.0, -50.0, 30.0, 40.0])
     wide, not_wide = (replace(ACP, sight=Off(), recovery=Alternatives(wide_below=k)) for k in (0.65, 0.0))
     assert percent_off_after_a_jump(wide, step, part, model, sequence) < 5.0
     assert percent_off_after_a_jump(not_wide, step, part, model, sequence) > 20.0

@@ -24,11 +24,13 @@ from acp_lab.tracking.search import (
     SearchPlan,
     better,
     is_plausible,
+    lies_elsewhere,
     ring,
     search,
     search_around,
     search_cloud,
     search_on,
+    solutions_in_cloud,
 )
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.targets.regions import RegionTarget
@@ -160,6 +162,40 @@ def test_of_a_cloud_the_most_agreeable_are_solved_and_the_best_of_these_refined(
     assert solved == [*((x, [16, 10, 6]) for x in across[:12]), *((x, [8, 5]) for x in across[:3])]
     assert found.cam_T_obj[0, 3] == across[0]
     assert len(solver.agreed) == 121 + 12 + 3
+
+
+def test_all_that_a_cloud_leads_to_is_refined_and_the_best_once_more(
+    part: Part, seen: SeenFrame, truth: FloatArray
+) -> None:
+    solver = Noted(part)
+    found = solutions_in_cloud(solver, seen, truth, CLOUD)
+    across = sorted((pose[0, 3] for pose in CLOUD.around(truth, part)), reverse=True)
+    solved = [(at.cam_T_obj[0, 3], [level.reach_px for level in levels]) for at, levels in solver.solved]
+    assert [levels for _, levels in solved] == [[16, 10, 6]] * 12 + [[8, 5]] * 12 + [[20, 14, 8, 8, 5]] * 3
+    assert {x for x, _ in solved} == set(across[:12])
+    assert len(found) == 12 + 3
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_of_what_a_cloud_leads_to_the_first_fits_best(
+    part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray, seed: int
+) -> None:
+    start = disturb_pose(truth, part.box_centre, 8.0, 5.0, np.random.default_rng(seed))
+    regions = next(target for target in seen.targets if isinstance(target, RegionTarget))
+    found = solutions_in_cloud(solver, seen, start, CLOUD)
+    assert np.isnan(regions.free.mm).all(), "the frame is left as it was"
+    assert add_percent(part, found[0].cam_T_obj, truth) < 1.5
+    scores = [solution.score for solution in found]
+    assert scores == sorted(scores, reverse=True)
+
+
+def test_poses_lie_elsewhere_from_a_fifth_of_the_radius_on(part: Part, truth: FloatArray) -> None:
+    for step in np.eye(6):
+        scale = 1.0 if step[3:].any() else part.radius
+        for share, elsewhere in ((0.19, False), (0.21, True)):
+            other = move_pose(truth, part.box_centre, share * part.radius / scale * step)
+            assert lies_elsewhere(truth, other, part) == elsewhere
+            assert lies_elsewhere(other, truth, part) == elsewhere
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
