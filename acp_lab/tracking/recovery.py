@@ -6,7 +6,7 @@ ring around it; while the part is lost and no `way_back` looks for it, a wide se
 in, less and less often.
 `Alternatives`, for methods that see regions too, lets these go first, without the motion prior. Where even these fit
 far worse, the part may have moved or turned further than any of them reaches: then a cloud of poses is searched, and a
-wide one where the first shows nothing that fits well.
+wide one where the first shows nothing that fits well. What fits badly even there is taken where it stands out.
 """
 
 from __future__ import annotations

@@ -185,15 +185,12 @@ def solutions_in_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArra
     with regions first, which lead on from farther off than fine levels do.
     """
     seen, clock = solver.afresh(seen), Stopwatch()
-    looked = sorted(
-        cloud.around(cam_T_obj, solver.part),
-        key=lambda pose: -solver.agreement(seen, seen.view.at_pose(pose), LOOK_AROUND),
-    )
+    starts = _most_agreeable(solver, seen, cloud.around(cam_T_obj, solver.part), seen.view.at_pose, cloud.solved)
 
-    def solved(starts: Iterable[Estimate], levels: tuple[Level, ...]) -> list[Solution]:
-        return _ranked((solver.solve(seen, start, clock, levels) for start in starts), lambda found: found.score)
+    def solved(estimates: Iterable[Estimate], levels: tuple[Level, ...]) -> list[Solution]:
+        return _ranked((solver.solve(seen, at, clock, levels) for at in estimates), lambda found: found.score)
 
-    wide = solved(map(seen.view.at_pose, looked[: cloud.solved]), _CLOUD_LEVELS)
+    wide = solved(starts, _CLOUD_LEVELS)
     fine = solved((found.estimate for found in wide), _FINE_LEVELS)
     again = solved((found.estimate for found in fine[: cloud.finalists]), (*REGIONS_FIRST, *_FINE_LEVELS))
     return sorted([*fine, *again], key=lambda found: -found.score)
@@ -253,12 +250,10 @@ def search_among(
     look: how poses are judged; judge: how solutions are compared.
     """
 
-    def agreement(cam_T_obj: FloatArray, level: Level) -> float:
-        return solver.agreement(seen, at_pose(cam_T_obj), level)
-
-    looked = sorted(poses, key=lambda pose: -agreement(pose, look))
-    starts = (at_pose(pose) for pose in looked[:solved])
-    return search(solver, seen, starts, plan, lambda solution: agreement(solution.cam_T_obj, judge))
+    starts = _most_agreeable(solver, seen, poses, at_pose, solved, look)
+    return search(
+        solver, seen, starts, plan, lambda solution: solver.agreement(seen, at_pose(solution.cam_T_obj), judge)
+    )
 
 
 def ring(cam_T_obj: FloatArray, centre_obj: FloatArray, camera: Camera, shift_px: float) -> tuple[FloatArray, ...]:
@@ -292,6 +287,19 @@ def better(first: Solution | None, second: Solution | None) -> Solution | None:
     if first is None or second is None:
         return first or second
     return second if second.score > first.score else first
+
+
+def _most_agreeable(
+    solver: PoseSolver,
+    seen: SeenFrame,
+    poses: Iterable[FloatArray],
+    at_pose: Callable[[FloatArray], Estimate],
+    count: int,
+    look: Level = LOOK_AROUND,
+) -> list[Estimate]:
+    """The estimates of those poses (4, 4) that the frame agrees with best, the best first."""
+    estimates = sorted(map(at_pose, poses), key=lambda at: -solver.agreement(seen, at, look))
+    return estimates[:count]
 
 
 def _ranked(solutions: Iterable[Solution | None], score: Callable[[Solution], float]) -> list[Solution]:
