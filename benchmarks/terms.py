@@ -50,6 +50,7 @@ def without() -> dict[str, Method]:
     from acp_lab.tracking.prediction import ConstantVelocityPrediction
     from acp_lab.tracking.priors import ControlPointDamping
     from acp_lab.tracking.recovery import Alternatives
+    from acp_lab.tracking.start import TrustedStart
     from acp_lab.tracking.targets.normals import NormalSearch
 
     edges, *others = ACP.targets
@@ -76,6 +77,7 @@ def without() -> dict[str, Method]:
         "shared image edges": replace(ACP, targets=(replace(edges, sharing=Off()), *others)),
         "linear light": replace(ACP, targets=(replace(edges, search=replace(edges.search, gamma=1.0)), *others)),
         "the trusted start": replace(ACP, start=Off()),
+        "agreement both ways": replace(ACP, start=TrustedStart(both_ways=False)),
         "alternatives": replace(ACP, recovery=Off()),
         "the wide cloud": replace(ACP, recovery=Alternatives(wide_below=0.0)),
         "the way back": replace(ACP, way_back=Off()),

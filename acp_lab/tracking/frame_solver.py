@@ -22,7 +22,7 @@ from acp_lab.tracking.learning.knowledge import SampleKnowledge
 from acp_lab.tracking.method import Method, Schedule
 from acp_lab.tracking.pose_descent import pose_level
 from acp_lab.tracking.result import TrackStep
-from acp_lab.tracking.schedule import Level, PixelSchedule, scaled
+from acp_lab.tracking.schedule import EVERY_SAMPLE, Level, PixelSchedule, scaled
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.solvers import Problem, WeightedMeasure, minimise
 from acp_lab.tracking.sources.lift import EdgeLifter
@@ -192,6 +192,14 @@ class FrameSolver:
         except GeometryError:
             return 0.0
         return 0.0 if edges is None else seen.targets[0].agreement(edges, at, level, level.sigma_px)
+
+    def explained(self, seen: SeenFrame, at: Estimate) -> int:
+        """How many of the image's edge pixels the part's edges at an estimate explain, see `explained_edges`."""
+        try:
+            edges = self._generate(at, EVERY_SAMPLE, Stopwatch())
+        except GeometryError:
+            return 0
+        return 0 if edges is None else seen.image_edges.explained(edges.points)
 
     def levels_at(self, at: Estimate, levels: tuple[Level, ...] | None = None) -> tuple[Level, ...]:
         """The method's levels, or others, for the size that the part has in the image at an estimate."""

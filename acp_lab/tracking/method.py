@@ -255,7 +255,7 @@ ACP_EDGES = replace(
     solver=GaussNewton(steps=3, damping=0.0),
     prediction=ConstantVelocityPrediction(),
     sight=Off(),
-    start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0),
+    start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, both_ways=False),
     recovery=SecondTries(),
     learning=SampleLearning(
         offsets=OffsetConfig(view_deg=0.0, follow_rate=0.0), polarity=Off(), profiles=Off(), blur=Off(), learn_above=0.7

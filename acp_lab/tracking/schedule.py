@@ -19,6 +19,8 @@ _LEAST_REACH_PX, _MOST_REACH_PX = 5, 20
 # No annealing goes below this: the edges of a distance map lie on whole pixels.
 _LEAST_ALPHA_PX = 1.5
 _REACH_IN_ALPHA = 1.6
+EVERY_SAMPLE = 30_000
+"""Of the visible edge samples, or as many as one search takes."""
 
 
 @dataclass(frozen=True)

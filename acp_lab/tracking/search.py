@@ -43,10 +43,6 @@ _LARGEST_TURN_DEG = 45.0
 _ELSEWHERE = 0.2
 
 
-Look = Callable[[FloatArray], SeenFrame | None]
-"""Gives the frame around a pose (4, 4)."""
-
-
 class PoseSolver(Protocol):
     """What a search needs of the frame solver; see `frame_solver.FrameSolver`."""
 
@@ -74,6 +70,31 @@ class PoseSolver(Protocol):
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
         """In [0, 1]: how well the frame agrees with an estimate."""
         ...
+
+    def explained(self, seen: SeenFrame, at: Estimate) -> int:
+        """How many of the image's edge pixels the part's edges at an estimate explain."""
+        ...
+
+
+Look = Callable[[FloatArray], SeenFrame | None]
+"""Gives the frame around a pose (4, 4)."""
+Ranking = Callable[[PoseSolver, SeenFrame, Estimate, Level], float]
+"""How good an estimate is beside others of one frame, and how closely it is looked at."""
+
+
+def one_way(solver: PoseSolver, seen: SeenFrame, at: Estimate, level: Level) -> float:
+    """How well the frame agrees with an estimate: does the image have an edge where the part has one?"""
+    return solver.agreement(seen, at, level)
+
+
+def both_ways(solver: PoseSolver, seen: SeenFrame, at: Estimate, level: Level) -> float:
+    """Agreement both ways, in px: does the part also have an edge where the image has one? See `explained_edges`.
+
+    What the part's edges find in the image is a precision, what they explain of its edges a recall, but for a factor
+    that all poses share; their product wants both. (Not in the paper, whose loss goes one way.)
+    """
+    # Where the image has no edges at all, one way has to do.
+    return solver.agreement(seen, at, level) * (1 + solver.explained(seen, at))
 
 
 @dataclass(frozen=True)
@@ -165,8 +186,10 @@ def search_around(
     )
 
 
-def search_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, cloud: Cloud) -> Solution | None:
-    """The best solution from a cloud around a pose (4, 4), by agreement; None when none of its poses sees the part.
+def search_cloud(
+    solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, cloud: Cloud, ranking: Ranking
+) -> Solution | None:
+    """The best solution from a cloud around a pose (4, 4), by a ranking; None when none of its poses sees the part.
 
     A wide level moves a pose that is nearly right to edges that are not its own. So only those of the cloud that the
     frame agrees with best are solved, without the widest level, and what was found is refined by fine levels alone.
@@ -174,7 +197,8 @@ def search_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, clo
     """
     seen = solver.afresh(seen)
     plan = SearchPlan(_CLOUD_LEVELS, cloud.finalists, _FINE_LEVELS)
-    return search_among(solver, seen, cloud.around(cam_T_obj, solver.part), seen.view.at_pose, cloud.solved, plan)
+    poses = cloud.around(cam_T_obj, solver.part)
+    return search_among(solver, seen, poses, seen.view.at_pose, cloud.solved, plan, ranking)
 
 
 def solutions_in_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArray, cloud: Cloud) -> list[Solution]:
@@ -197,7 +221,7 @@ def solutions_in_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArra
 
 
 def search_on(
-    solver: PoseSolver, look: Look, seen: SeenFrame, cloud: Cloud, clouds: int
+    solver: PoseSolver, look: Look, seen: SeenFrame, cloud: Cloud, clouds: int, ranking: Ranking
 ) -> tuple[SeenFrame, Solution] | None:
     """The best solution from a cloud around the prior of a frame's view, or from at most `clouds` clouds on from there.
 
@@ -206,7 +230,7 @@ def search_on(
     where it was found; None when no pose of the first cloud leads to one that is plausible there.
     """
     prior = middle = seen.view.prior
-    found = search_cloud(solver, seen, prior, cloud)
+    found = search_cloud(solver, seen, prior, cloud, ranking)
     if found is None or not is_plausible(found.cam_T_obj, prior, solver.part):
         return None
     searched, wider = cloud, cloud.wider
@@ -215,23 +239,23 @@ def search_on(
             break
         place = prior if number == 1 else found.cam_T_obj
         around_place = look(place)
-        farther = None if around_place is None else search_cloud(solver, around_place, place, wider)
+        farther = None if around_place is None else search_cloud(solver, around_place, place, wider, ranking)
         there = None
         if farther is not None and is_plausible(farther.cam_T_obj, place, solver.part):
             there = look(farther.cam_T_obj)
-        if farther is not None and there is not None and _agrees_better(solver, there, farther, found):
+        if farther is not None and there is not None and _is_better(solver, there, farther, found, ranking):
             seen, searched, middle, found = there, wider, place, farther
         elif number > 1:
             break
     return seen, found
 
 
-def _agrees_better(solver: PoseSolver, seen: SeenFrame, one: Solution, other: Solution) -> bool:
-    """Whether a frame agrees better with one solution than with another."""
-    one_agrees, other_agrees = (
-        solver.agreement(seen, seen.view.at_pose(solution.cam_T_obj), AGREEMENT_LEVEL) for solution in (one, other)
+def _is_better(solver: PoseSolver, seen: SeenFrame, one: Solution, other: Solution, ranking: Ranking) -> bool:
+    """Whether a solution of a frame ranks higher than another."""
+    rank_of_one, rank_of_other = (
+        ranking(solver, seen, seen.view.at_pose(solution.cam_T_obj), AGREEMENT_LEVEL) for solution in (one, other)
     )
-    return one_agrees > other_agrees
+    return rank_of_one > rank_of_other
 
 
 def search_among(
@@ -241,18 +265,18 @@ def search_among(
     at_pose: Callable[[FloatArray], Estimate],
     solved: int,
     plan: SearchPlan,
+    ranking: Ranking,
     look: Level = LOOK_AROUND,
     judge: Level = AGREEMENT_LEVEL,
 ) -> Solution | None:
     """The best solution from poses (4, 4); None when none of them sees the part.
 
     at_pose: the estimate of a pose. solved: from how many the solver runs, those that the frame agrees with best.
-    look: how poses are judged; judge: how solutions are compared.
+    look: how closely poses are looked at; ranking, judge: what solutions are compared by, and how closely.
     """
-
     starts = _most_agreeable(solver, seen, poses, at_pose, solved, look)
     return search(
-        solver, seen, starts, plan, lambda solution: solver.agreement(seen, at_pose(solution.cam_T_obj), judge)
+        solver, seen, starts, plan, lambda solution: ranking(solver, seen, at_pose(solution.cam_T_obj), judge)
     )
 
 

@@ -158,16 +158,17 @@ def _search(
     cloud = _cloud(start, solver.part.box_centre, seen.view.camera, config)
     plan = SearchPlan(config.search_levels, config.refined, config.last_levels)
     near = search_among(
-        solver, seen, cloud, lambda pose: solver.at_pose(seen, pose), config.solved, plan, config.look, config.judge
-    )
+        solver, seen, cloud, lambda pose: solver.at_pose(seen, pose), config.solved, plan, FIRST_FRAME.ranking,
+        config.look, config.judge,
+    )  # fmt: skip
     found = [] if near is None else [(seen, near)]
-    gone_on = search_on(solver, look, seen, FIRST_FRAME.cloud, FIRST_FRAME.clouds)
+    gone_on = search_on(solver, look, seen, FIRST_FRAME.cloud, FIRST_FRAME.clouds, FIRST_FRAME.ranking)
     if gone_on is not None:
         there, solution = gone_on
         refined = solver.solve(there, there.view.at_pose(solution.cam_T_obj), Stopwatch(), config.last_levels)
         found += [] if refined is None else [(there, refined)]
     # The first of equals: around the start.
-    return max(found, key=lambda one: _agreement(solver, one[0], one[1].cam_T_obj, config.judge), default=None)
+    return max(found, key=lambda one: _rank(solver, one[0], one[1], config.judge), default=None)
 
 
 def _asked_again(
@@ -195,6 +196,10 @@ def _cloud(start: FloatArray, centre_obj: FloatArray, camera: Camera, config: Sn
     away = rng.normal(0.0, config.depth_share, (config.poses, 1)) * centre_cam
     away[:, :2] += across
     return [start, *(move_pose(start, centre_obj, step) for step in np.concatenate([turns, away], 1))]
+
+
+def _rank(solver: FrameSolver, seen: SeenFrame, solution: Solution, level: Level) -> float:
+    return FIRST_FRAME.ranking(solver, seen, solver.at_pose(seen, solution.cam_T_obj), level)
 
 
 def _agreement(solver: FrameSolver, seen: SeenFrame, cam_T_obj: FloatArray, level: Level) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.tracking.explained_edges import ImageEdges
 from acp_lab.tracking.frame_view import Estimate, FrameView
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.targets import Judgement, Target
@@ -17,6 +18,11 @@ class SeenFrame:
 
     view: FrameView
     targets: tuple[Target, ...]
+
+    @cached_property
+    def image_edges(self) -> ImageEdges:
+        """What the image has of edges, whatever the part."""
+        return ImageEdges(self.view.image, self.view.box)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,8 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.result import TrackStep
-from acp_lab.tracking.schedule import Level
-from acp_lab.tracking.search import AGREEMENT_LEVEL, Cloud, Look, PoseSolver, search_on
+from acp_lab.tracking.schedule import EVERY_SAMPLE, Level
+from acp_lab.tracking.search import AGREEMENT_LEVEL, Cloud, Look, PoseSolver, Ranking, both_ways, one_way, search_on
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.weighed_start import weighed_start
@@ -88,6 +88,7 @@ class TrustedStart:
         measures: whether offsets are measured also at a pose that is no trusted start.
         shift_share, poses, solved: of the cloud, see `search.Cloud`.
         clouds: how many are searched at most, wider ones where what was found lies at the rim, see `search.search_on`.
+        both_ways: whether what is found in clouds is compared by agreement both ways, see `search.both_ways`.
         surpassed: share of the best agreement in the clouds below which a start is not trusted.
         second_opinion: of a start that is not trusted.
     """
@@ -106,6 +107,7 @@ class TrustedStart:
     poses: int = 120
     solved: int = 12
     clouds: int = 6
+    both_ways: bool = True
     surpassed: float = 0.7
     second_opinion: SecondOpinion | Off = field(default_factory=SecondOpinion)
 
@@ -126,11 +128,16 @@ class TrustedStart:
         """Where the part is searched."""
         return Cloud(self.turn_deg, self.shift_share, self.poses, self.solved, self.finalists)
 
+    @property
+    def ranking(self) -> Ranking:
+        """What the poses found there are compared by."""
+        return both_ways if self.both_ways else one_way
+
 
 EQUAL_SLACK = 1.4
 _NEVER = float("inf")
-# For judging and for learning: all samples, or as many as one search takes, near their expected places.
-LOOK_LEVEL = Level(6, 1.0, samples=30_000)
+# For judging and for learning: near their expected places.
+LOOK_LEVEL = Level(6, 1.0, EVERY_SAMPLE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +162,7 @@ def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart,
     if solved is None:
         return None
     solved = solver.settle(seen, solved, clock)
-    there, found = search_on(solver, look, seen, config.cloud, config.clouds) or (seen, None)
+    there, found = search_on(solver, look, seen, config.cloud, config.clouds, config.ranking) or (seen, None)
     found = solved if found is None else solver.settle(there, found, clock)
     ratio = _agreement_ratio(solver, seen, there, found)
     trusted = is_trusted(solver, seen, solved, config) and ratio >= config.surpassed

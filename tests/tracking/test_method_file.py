@@ -69,7 +69,7 @@ NORMALS = Method(
     prediction=LastPosePrediction(),
     sight=Off(),
     uncertainty=Off(),
-    start=TrustedStart(0.8, 0.9, 1.0, 0.1, 3.0, 2, 0.6, 0.4),
+    start=TrustedStart(0.8, 0.9, 1.0, 0.1, 3.0, 2, 0.6, 0.4, both_ways=False),
     learning=SampleLearning(
         memory=Off(),
         offsets=OffsetConfig(0.4, known_spread=0.5, inner_limits=(0.2, 0.9)),

@@ -23,8 +23,10 @@ from acp_lab.tracking.search import (
     Cloud,
     SearchPlan,
     better,
+    both_ways,
     is_plausible,
     lies_elsewhere,
+    one_way,
     ring,
     search,
     search_around,
@@ -123,10 +125,10 @@ def test_a_search_in_a_cloud_comes_back_from_some_degrees(
     part: Part, solver: FrameSolver, seen: SeenFrame, truth: FloatArray, seed: int
 ) -> None:
     start = disturb_pose(truth, part.box_centre, 8.0, 5.0, np.random.default_rng(seed))
-    found = search_cloud(solver, seen, start, CLOUD)
+    found = search_cloud(solver, seen, start, CLOUD, one_way)
     assert found is not None
     assert add_percent(part, found.cam_T_obj, truth) < 1.5
-    again = search_cloud(solver, seen, start, CLOUD)
+    again = search_cloud(solver, seen, start, CLOUD, one_way)
     assert again is not None
     np.testing.assert_array_equal(found.cam_T_obj, again.cam_T_obj)
 
@@ -136,7 +138,7 @@ def test_a_search_in_a_cloud_leaves_the_frame_as_it_was(
 ) -> None:
     """What regions keep of the first pose that asks for a line is not asked for by poses that are off."""
     regions = next(target for target in seen.targets if isinstance(target, RegionTarget))
-    search_cloud(solver, seen, truth, CLOUD)
+    search_cloud(solver, seen, truth, CLOUD, one_way)
     assert np.isnan(regions.free.mm).all()
     search_around(solver, seen, truth, 4.0, 3)  # which has no frame of its own
     assert not np.isnan(regions.free.mm).all()
@@ -155,13 +157,23 @@ def test_of_a_cloud_the_most_agreeable_are_solved_and_the_best_of_these_refined(
     part: Part, seen: SeenFrame, truth: FloatArray
 ) -> None:
     solver = Noted(part)
-    found = search_cloud(solver, seen, truth, CLOUD)
+    found = search_cloud(solver, seen, truth, CLOUD, one_way)
     assert found is not None
     across = sorted((pose[0, 3] for pose in CLOUD.around(truth, part)), reverse=True)
     solved = [(at.cam_T_obj[0, 3], [level.reach_px for level in levels]) for at, levels in solver.solved]
     assert solved == [*((x, [16, 10, 6]) for x in across[:12]), *((x, [8, 5]) for x in across[:3])]
     assert found.cam_T_obj[0, 3] == across[0]
     assert len(solver.agreed) == 121 + 12 + 3
+
+
+def test_of_what_a_cloud_leads_to_a_pose_that_leaves_image_edges_over_does_not_win_both_ways(
+    part: Part, seen: SeenFrame, truth: FloatArray
+) -> None:
+    """It agrees best with the pose farthest across, which explains nothing of the image; one way that one wins."""
+    across = sorted((pose[0, 3] for pose in CLOUD.around(truth, part)), reverse=True)[: CLOUD.solved]
+    solver = Explains(part, {x: 100 * place for place, x in enumerate(across)})
+    winners = [search_cloud(solver, seen, truth, CLOUD, ranking) for ranking in (one_way, both_ways)]
+    assert [winner.cam_T_obj[0, 3] for winner in winners if winner is not None] == [across[0], across[-1]]
 
 
 def test_all_that_a_cloud_leads_to_is_refined_and_the_best_once_more(
@@ -211,10 +223,10 @@ def test_a_search_goes_on_from_the_rim_of_a_cloud(
     start = disturb_pose(truth, part.box_centre, 20.0, 16.0, np.random.default_rng(seed))
     seen = look(start)
     assert seen is not None
-    missed = search_cloud(solver, seen, start, CLOUD)
+    missed = search_cloud(solver, seen, start, CLOUD, one_way)
     assert missed is not None
     assert add_percent(part, missed.cam_T_obj, truth) > 10.0
-    found = search_on(solver, look, seen, CLOUD, 6)
+    found = search_on(solver, look, seen, CLOUD, 6, one_way)
     assert found is not None
     around, solution = found
     assert add_percent(part, solution.cam_T_obj, truth) < 1.5
@@ -232,7 +244,7 @@ def test_a_search_goes_on_as_long_as_it_may(part: Part, seen: SeenFrame, truth: 
     across = []
     for clouds in (1, 2, 3, 4):
         looked.clear()
-        found = search_on(Noted(part), look, seen, CLOUD, clouds)
+        found = search_on(Noted(part), look, seen, CLOUD, clouds, one_way)
         assert found is not None
         across.append(found[1].cam_T_obj[0, 3] - truth[0, 3])
         # Around the start twice, then around what was found; each time the frame is looked at there, too.
@@ -242,7 +254,7 @@ def test_a_search_goes_on_as_long_as_it_may(part: Part, seen: SeenFrame, truth: 
             np.testing.assert_array_equal(place, expected)
     assert across == sorted(set(across))
     # A part that is seen nowhere else stays where the first cloud found it.
-    alone = search_on(Noted(part), lambda pose: None, seen, CLOUD, 4)
+    alone = search_on(Noted(part), lambda pose: None, seen, CLOUD, 4, one_way)
     assert alone is not None
     assert alone[0] is seen
     assert alone[1].cam_T_obj[0, 3] - truth[0, 3] == across[0]
@@ -251,14 +263,14 @@ def test_a_search_goes_on_as_long_as_it_may(part: Part, seen: SeenFrame, truth: 
 def test_what_cannot_follow_is_not_found(part: Part, seen: SeenFrame, truth: FloatArray) -> None:
     """Far away a part is a few pixels, which agree with anything."""
     far = move_pose(truth, part.box_centre, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 50.0 * part.radius]))
-    assert search_on(Leaps(part, far), lambda pose: seen, seen, CLOUD, 6) is None
+    assert search_on(Leaps(part, far), lambda pose: seen, seen, CLOUD, 6, one_way) is None
 
 
 def test_a_pose_within_a_cloud_ends_the_search(part: Part, seen: SeenFrame, truth: FloatArray) -> None:
     def look(pose: FloatArray) -> SeenFrame:
         raise AssertionError("not asked for")
 
-    found = search_on(Likes(part, truth), look, seen, CLOUD, 6)
+    found = search_on(Likes(part, truth), look, seen, CLOUD, 6, one_way)
     assert found is not None
     np.testing.assert_array_equal(found[1].cam_T_obj, truth)
 
@@ -314,6 +326,9 @@ class Noted:
         self.agreed.append(at)
         return float(at.cam_T_obj[0, 3])
 
+    def explained(self, seen: SeenFrame, at: Estimate) -> int:
+        raise AssertionError("not asked for")
+
 
 class Leaps(Noted):
     """Ends at one pose, from anywhere."""
@@ -324,6 +339,17 @@ class Leaps(Noted):
 
     def solve(self, seen: SeenFrame, start: Estimate, clock: Any, levels: Any = None) -> Solution | None:
         return super().solve(seen, start.view.at_pose(self.pose), clock, levels)
+
+
+class Explains(Noted):
+    """Explains so many image edges by the x of a pose."""
+
+    def __init__(self, part: Part, by_x: dict[float, int]) -> None:
+        super().__init__(part)
+        self.by_x = by_x
+
+    def explained(self, seen: SeenFrame, at: Estimate) -> int:
+        return self.by_x[at.cam_T_obj[0, 3]]
 
 
 class Likes(Noted):
