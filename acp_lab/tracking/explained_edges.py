@@ -16,7 +16,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.imaging.canny import Thresholds, canny_at
 from acp_lab.tracking.frame_view import Box
 
-# Also faint ones, such as a dark side before a dark ground has; noise is explained by all poses alike.
+# Also faint ones, such as a dark side before a dark ground has; noise is explained by all poses about alike.
 _FAINT = Thresholds(10.0, 30.0)
 # An image edge belongs to an edge point up to one px away, diagonals too.
 _BESIDE = np.ones((3, 3), np.uint8)

@@ -187,18 +187,12 @@ class FrameSolver:
 
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
         """In [0, 1]: how well the frame agrees with an estimate, whatever was learnt of how its edges look."""
-        try:
-            edges = self._generate(at, level.samples, Stopwatch())
-        except GeometryError:
-            return 0.0
+        edges = self._generate_or_none(at, level.samples)
         return 0.0 if edges is None else seen.targets[0].agreement(edges, at, level, level.sigma_px)
 
     def explained(self, seen: SeenFrame, at: Estimate) -> int:
         """How many of the image's edge pixels the part's edges at an estimate explain, see `explained_edges`."""
-        try:
-            edges = self._generate(at, EVERY_SAMPLE, Stopwatch())
-        except GeometryError:
-            return 0
+        edges = self._generate_or_none(at, EVERY_SAMPLE)
         return 0 if edges is None else seen.image_edges.explained(edges.points)
 
     def levels_at(self, at: Estimate, levels: tuple[Level, ...] | None = None) -> tuple[Level, ...]:
@@ -215,6 +209,13 @@ class FrameSolver:
         edges = self.source.generate(at, samples)
         clock.generate_s += clock.lap()
         return edges if len(edges) >= MIN_EDGES and np.isfinite(edges.points.sum()) else None
+
+    def _generate_or_none(self, at: Estimate, samples: int) -> GeneratedEdges | None:
+        """Edges of an estimate that may be a pose from which the part cannot be seen."""
+        try:
+            return self._generate(at, samples, Stopwatch())
+        except GeometryError:
+            return None
 
     def _solve(
         self, seen: SeenFrame, start: Estimate, clock: Stopwatch, levels: tuple[Level, ...] | None

@@ -20,7 +20,7 @@ _LEAST_REACH_PX, _MOST_REACH_PX = 5, 20
 _LEAST_ALPHA_PX = 1.5
 _REACH_IN_ALPHA = 1.6
 EVERY_SAMPLE = 30_000
-"""Of the visible edge samples, or as many as one search takes."""
+"""For all edge points in view, or as many as one search takes."""
 
 
 @dataclass(frozen=True)

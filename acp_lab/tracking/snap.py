@@ -4,7 +4,8 @@ What a hand leaves open is several degrees and, as perspective is weak, a good d
 each within 5 px of their places leave depth off by 6% and more. So a cloud of poses around the given one is
 looked at, quickly and with few samples; the solver runs from those that agree best, coarse to fine; and the
 best of these is refined on every visible sample. From a start that is farther off, the search of a tracker's first
-frame goes on from the rim of its cloud (`search.search_on`); where that ends counts if the frame agrees with it better.
+frame goes on from the rim of its cloud (`search.search_on`); where that ends counts if it is better. What is better
+is asked both ways (`search.both_ways`): of the part's edges in the image, and of the image's edges in the part.
 And the detector is asked whether the part is elsewhere (`second_opinion`), if the part's views are stored.
 The same start gives the same result.
 """

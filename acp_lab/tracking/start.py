@@ -5,9 +5,9 @@ have, and the two lie within a pixel or so: then the difference is the edges' ow
 and the offsets can be measured. They may lie somewhat further apart where the frame agrees with both equally: what
 the image cannot tell, whoever gave the pose can. And nothing in a cloud of poses around it, or in the wider ones
 that are searched from there (`search.search_on`), may agree clearly better: from a poor start the solver can end as far
-from the part as it began. Otherwise the best of those clouds wins, and its pose is weighed against the given one
-(`weighed_start`), as it is where the frame agrees with both well, but they lie apart: half a degree off, a start is
-good enough to tell which edges are the part's, not where they lie.
+from the part as it began. Otherwise the best of those clouds wins, compared both ways (`search.both_ways`), and its
+pose is weighed against the given one (`weighed_start`), as it is where the frame agrees with both well, but they lie
+apart: half a degree off, a start is good enough to tell which edges are the part's, not where they lie.
 """
 
 from __future__ import annotations
