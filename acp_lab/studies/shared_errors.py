@@ -1,0 +1,153 @@
+"""Whose error is it? What two trackers have in common beside the truth.
+
+Trackers that go by different cues, one by edges and one by regions, err each in its own way. Where they err alike, in
+the same frames and to the same side, and agree with each other better than either does with the truth, the cause is
+what they share: the image, the mesh, the camera's parameters, or the truth itself. An error that grows with the speed
+along one axis of the camera, and along no other, is one of time: of the truth's depth, say, where another camera told
+it. What one tracker's errors say of the truth's depth can be tried on the other's, which had no part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.cad.part import Part
+from acp_lab.errors import ParameterError
+from acp_lab.evaluation.part_metric import PartMetric
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class DepthError:
+    """Of a truth: how far its depth is behind what a tracker sees.
+
+    Attributes:
+        offset_mm: in every frame. lead_frames: and besides by how far the part moves in depth in that many frames.
+    """
+
+    offset_mm: float
+    lead_frames: float
+
+
+@dataclass(frozen=True, eq=False)
+class SharedErrors:
+    """Two trackers beside the truth, in the n frames in which all three are known.
+
+    Attributes:
+        first, second: (n,) ADD (ADD-S for a symmetric part) of each from the truth, as shares of the diameter.
+        apart: (n,) of the first from the second.
+        first_mm, second_mm: (n, 3) where the box's centre is beside its true place, along the camera's axes.
+        motion_mm: (n, 3) how far it truly moves per frame there, from the frames before and after; NaN where one of
+            these is unknown.
+    """
+
+    first: FloatArray
+    second: FloatArray
+    apart: FloatArray
+    first_mm: FloatArray
+    second_mm: FloatArray
+    motion_mm: FloatArray
+
+    @property
+    def correlation(self) -> FloatArray:
+        """(3,) correlation of the two's errors along the camera's x, y and z; NaN where one of them never varies."""
+        pairs = zip(self.first_mm.T, self.second_mm.T, strict=True)
+        return np.array([_correlation(first, second) for first, second in pairs])
+
+    @property
+    def first_lead(self) -> FloatArray:
+        """(3,) frames by which the first runs ahead of the truth along the camera's x, y and z, by least squares.
+
+        NaN along an axis along which the part never changes its speed.
+        """
+        return _lead(self.first_mm, self.motion_mm)
+
+    @property
+    def second_lead(self) -> FloatArray:
+        """(3,) the same of the second."""
+        return _lead(self.second_mm, self.motion_mm)
+
+    @property
+    def depth_errors(self) -> tuple[DepthError, DepthError]:
+        """What the first's errors say of the truth, and what the second's do."""
+        return _depth_error(self.first_mm, self.motion_mm), _depth_error(self.second_mm, self.motion_mm)
+
+
+def shared_errors(
+    part: Part, truth: Mapping[int, FloatArray], first: Mapping[int, FloatArray], second: Mapping[int, FloatArray]
+) -> SharedErrors:
+    """Compare two trackers' poses (4, 4) with the truth and with each other; all by frame number.
+
+    Raises ParameterError where fewer than three frames are known of all three.
+    """
+    frames = sorted(set(truth) & set(first) & set(second))
+    if len(frames) < _FEWEST:
+        raise ParameterError(f"{part.name}: {len(frames)} frames have a true pose and one of each tracker: give three")
+    metric = PartMetric(part)
+
+    def centres(poses: Mapping[int, FloatArray], numbers: list[int]) -> FloatArray:
+        unknown = np.full(3, np.nan)
+        return np.array([transform(poses[k], part.box_centre) if k in poses else unknown for k in numbers])
+
+    def errors(of: Mapping[int, FloatArray], beside: Mapping[int, FloatArray]) -> FloatArray:
+        return np.array([metric.share(of[k], beside[k]) for k in frames])
+
+    before, after = (centres(truth, [k + step for k in frames]) for step in (-1, 1))
+    true_places = centres(truth, frames)
+    return SharedErrors(
+        errors(first, truth),
+        errors(second, truth),
+        errors(first, second),
+        centres(first, frames) - true_places,
+        centres(second, frames) - true_places,
+        (after - before) / 2.0,
+    )
+
+
+def without(truth: Mapping[int, FloatArray], error: DepthError, part: Part) -> dict[int, FloatArray]:
+    """The truth moved in depth as an error says; frames whose neighbours are unknown are left out."""
+    moved = {}
+    for number, pose in truth.items():
+        if number - 1 in truth and number + 1 in truth:
+            before, after = (transform(truth[number + step], part.box_centre)[2] for step in (-1, 1))
+            moved[number] = pose.copy()
+            moved[number][2, 3] += error.offset_mm + error.lead_frames * (after - before) / 2.0
+    return moved
+
+
+def joined(studies: list[SharedErrors]) -> SharedErrors:
+    """Those of several sequences as one."""
+    names = ("first", "second", "apart", "first_mm", "second_mm", "motion_mm")
+    return SharedErrors(*(np.concatenate([getattr(study, name) for study in studies]) for name in names))
+
+
+def _correlation(first: FloatArray, second: FloatArray) -> float:
+    first, second = first - first.mean(), second - second.mean()
+    size = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(first @ second) / size if size > 0.0 else np.nan
+
+
+def _depth_error(errors_mm: FloatArray, motion_mm: FloatArray) -> DepthError:
+    lead = float(_lead(errors_mm, motion_mm)[2])
+    known = np.isfinite(motion_mm).all(1)
+    # Where the speed never changes an offset says it all.
+    lead = lead if np.isfinite(lead) else 0.0
+    offset = (errors_mm - lead * motion_mm)[known, 2] if known.any() else errors_mm[:, 2]
+    return DepthError(float(offset.mean()), lead)
+
+
+def _lead(errors_mm: FloatArray, motion_mm: FloatArray) -> FloatArray:
+    known = np.isfinite(motion_mm).all(1)
+    errors_mm, motion_mm = errors_mm[known], motion_mm[known]
+    if not len(errors_mm):
+        return np.full(3, np.nan)
+    motion_mm = motion_mm - motion_mm.mean(0)
+    power = (motion_mm**2).sum(0)
+    shared = (motion_mm * (errors_mm - errors_mm.mean(0))).sum(0)
+    return np.divide(shared, power, out=np.full(3, np.nan), where=power > 0.0)
