@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from acp_lab.bench.protocol import SequenceKey, Variant, task_of
+from acp_lab.bench.protocol import SequenceKey, Variant, dataset_name, task_of
 from acp_lab.bench.rapid.tracker import NAMES
 from acp_lab.bench.report import Report
 from acp_lab.bench.runner import sequences_of
@@ -24,12 +24,23 @@ class Workbench:
         roots: data sets by name, as `protocol.dataset_name` calls them; parts: by the same names, the folder that
             holds their prepared parts.
         runs: folder in which runs are kept; split: the data sets' folder of scenes.
+
+    Raises ParameterError for a data set under another name, or without a folder of prepared parts.
     """
 
     roots: Mapping[str, Path]
     parts: Mapping[str, Path]
     runs: Path
     split: str = "test"
+
+    def __post_init__(self) -> None:
+        for name, root in self.roots.items():
+            if name != dataset_name(root):
+                raise ParameterError(
+                    f"roots[{name!r}] = {root}: call it by the data set's name, {dataset_name(root)!r}"
+                )
+            if name not in self.parts:
+                raise ParameterError(f"parts: has no {name!r}: give the folder that holds its prepared parts")
 
     @cached_property
     def sequences(self) -> tuple[SequenceKey, ...]:

@@ -1,7 +1,8 @@
 """What an image says for and against a pose, and the score that follows from it.
 
-Both directions count: how much of the part's generated edges the image shows, and how much of the image's edges
-inside the part's silhouette the part explains. A pose that fits by chance, on clutter, usually fails the second.
+Asked in both directions: how much of the part's generated edges the image shows, and how much of the image's edges
+inside the part's silhouette the part explains. On metal, whose reflections no pose explains, the second says little
+(see `WEIGHTS`).
 """
 
 from __future__ import annotations

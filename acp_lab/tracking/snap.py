@@ -97,7 +97,7 @@ class SnapResult:
 
 
 def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapConfig | None = None) -> SnapResult:
-    """The pose near a hand-set one (4, 4) that the frame agrees with best; takes one to two seconds.
+    """The pose near a hand-set one (4, 4) that the frame agrees with best; takes a few seconds.
 
     Raises:
         GeometryError: it is no pose: mirrored, scaled, not finite.
