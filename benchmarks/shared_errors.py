@@ -25,7 +25,7 @@ from acp_lab.cad.part import Part  # noqa: E402
 from acp_lab.geometry.arrays import FloatArray  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.results_csv import read_results  # noqa: E402
-from acp_lab.studies.shared_errors import SharedErrors, joined, shared_errors, without  # noqa: E402
+from acp_lab.studies.shared_errors import SharedErrors, joined, shared_errors, shifted_in_depth  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
@@ -59,8 +59,8 @@ def fields_of(study: SharedErrors, first_moved: FloatArray, second_moved: FloatA
         ("second moved", second_moved),
     ):  # fmt: skip
         fields |= {f"@{percent} {name}": float(np.mean(errors < percent / 100.0)) for percent in (2, 5)}
-    of_first, of_second = study.depth_errors
-    fields |= {"offset first": of_first.offset_mm, "offset second": of_second.offset_mm}
+    to_first, to_second = study.depth_shifts
+    fields |= {"offset first": to_first.offset_mm, "offset second": to_second.offset_mm}
     for name, values in (
         ("correlation", study.correlation), ("first lead", study.first_lead), ("second lead", study.second_lead),
     ):  # fmt: skip
@@ -71,11 +71,11 @@ def fields_of(study: SharedErrors, first_moved: FloatArray, second_moved: FloatA
 def of_pair(sequences: list[tuple[Part, Poses, dict[str, Poses]]], one: str, other: str) -> dict[str, float]:
     """Of two trackers by their names; sequences: the part, the truth, and where each tracker finds it."""
     study = joined([shared_errors(part, truth, tracks[one], tracks[other]) for part, truth, tracks in sequences])
-    of_first, of_second = study.depth_errors
+    to_first, to_second = study.depth_shifts
     moved = [
         (
-            shared_errors(part, without(truth, of_second, part), tracks[one], tracks[other]).first,
-            shared_errors(part, without(truth, of_first, part), tracks[one], tracks[other]).second,
+            shared_errors(part, shifted_in_depth(truth, to_second, part), tracks[one], tracks[other]).first,
+            shared_errors(part, shifted_in_depth(truth, to_first, part), tracks[one], tracks[other]).second,
         )
         for part, truth, tracks in sequences
     ]

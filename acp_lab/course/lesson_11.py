@@ -10,12 +10,23 @@ from acp_lab.course.answers import Hint, as_function, as_number, near
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import sample_part, sample_scene
 from acp_lab.evaluation.metrics import add_mm, adds_mm
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
+from acp_lab.studies.shared_errors import DepthShift, shifted_in_depth
 
 LIMIT = 0.02
 MISSING = float("inf")
 ERRORS = (0.0, 0.011, 0.018, 0.025, 0.016, MISSING, 0.31, 0.03, 0.02)
 """ADD of nine frames as shares of the diameter; the first is where tracking began, one has no result."""
+_LATE_BY_FRAMES = 0.6
+
+
+def late_truth() -> dict[int, FloatArray]:
+    """The sample's true poses (4, 4) by image id, their depth late by some frames; exercise 11.4 asks by how many."""
+    scene = sample_scene()
+    known = {frame_id: scene.truth(frame_id, 1) for frame_id in scene.frame_ids}
+    truth = {frame_id: pose for frame_id, pose in known.items() if pose is not None}
+    return shifted_in_depth(truth, DepthShift(0.0, -_LATE_BY_FRAMES), sample_part())
 
 
 @exercise("11.1")
@@ -87,3 +98,16 @@ def recall_by_hand(answer: Any) -> str:
     if share > 1.0:
         raise Hint("A share lies between 0 and 1.")
     raise Hint("How many frames count, and in how many of them is the error below 0.02?")
+
+
+@exercise("11.4")
+def how_late(answer: Any) -> str:
+    """By how many frames the depth of `late_truth` is late."""
+    frames = as_number(answer, "a number of frames")
+    if near(frames, _LATE_BY_FRAMES, absolute=0.06):
+        return "The tracker told it, from images that were never late. On real data compare two, of different kinds."
+    if near(frames, -_LATE_BY_FRAMES, absolute=0.06):
+        raise Hint("Late, not early: the tracker runs ahead of it, by a positive number of frames.")
+    if near(abs(frames), _LATE_BY_FRAMES, absolute=0.3):
+        raise Hint("Near. How far ahead of the truth in depth does the more exact of the two trackers run?")
+    raise Hint("`shared_errors` compares two trackers with a truth; of three axes, which is the camera's own?")

@@ -32,7 +32,7 @@ _OFFERED: dict[str, tuple[str, ...]] = {
         "draw_rays",
         "same_scale",
     ),
-    "plots.accuracy": ("draw_errors", "draw_recall", "draw_table"),
+    "plots.accuracy": ("draw_depth_errors", "draw_errors", "draw_recall", "draw_table"),
     "plots.ambiguity": ("ambiguity_figure", "draw_pair"),
     "plots.basin": ("basin_figure", "draw_basin", "draw_basin_curves"),
     "plots.bench": (

@@ -17,22 +17,22 @@ import numpy as np
 from acp_lab.cad.part import Part
 from acp_lab.errors import ParameterError
 from acp_lab.evaluation.part_metric import PartMetric
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.pose import transform
 
 _FEWEST = 3
 
 
 @dataclass(frozen=True)
-class DepthError:
-    """Of a truth: how far its depth is behind what a tracker sees.
+class DepthShift:
+    """A shift of poses along the camera's axis: by the same in every frame, and by some frames in time.
 
     Attributes:
-        offset_mm: in every frame. lead_frames: and besides by how far the part moves in depth in that many frames.
+        offset_mm: away from the camera. frames: of motion in depth, ahead; negative for late.
     """
 
     offset_mm: float
-    lead_frames: float
+    frames: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,7 @@ class SharedErrors:
     """Two trackers beside the truth, in the n frames in which all three are known.
 
     Attributes:
+        frame_ids: (n,) their numbers.
         first, second: (n,) ADD (ADD-S for a symmetric part) of each from the truth, as shares of the diameter.
         apart: (n,) of the first from the second.
         first_mm, second_mm: (n, 3) where the box's centre is beside its true place, along the camera's axes.
@@ -47,6 +48,7 @@ class SharedErrors:
             these is unknown.
     """
 
+    frame_ids: IntArray
     first: FloatArray
     second: FloatArray
     apart: FloatArray
@@ -74,9 +76,9 @@ class SharedErrors:
         return _lead(self.second_mm, self.motion_mm)
 
     @property
-    def depth_errors(self) -> tuple[DepthError, DepthError]:
-        """What the first's errors say of the truth, and what the second's do."""
-        return _depth_error(self.first_mm, self.motion_mm), _depth_error(self.second_mm, self.motion_mm)
+    def depth_shifts(self) -> tuple[DepthShift, DepthShift]:
+        """From the truth's depth to the first's, and to the second's, by least squares."""
+        return _depth_shift(self.first_mm, self.motion_mm), _depth_shift(self.second_mm, self.motion_mm)
 
 
 def shared_errors(
@@ -101,6 +103,7 @@ def shared_errors(
     before, after = (centres(truth, [k + step for k in frames]) for step in (-1, 1))
     true_places = centres(truth, frames)
     return SharedErrors(
+        np.array(frames),
         errors(first, truth),
         errors(second, truth),
         errors(first, second),
@@ -110,20 +113,20 @@ def shared_errors(
     )
 
 
-def without(truth: Mapping[int, FloatArray], error: DepthError, part: Part) -> dict[int, FloatArray]:
-    """The truth moved in depth as an error says; frames whose neighbours are unknown are left out."""
-    moved = {}
-    for number, pose in truth.items():
-        if number - 1 in truth and number + 1 in truth:
-            before, after = (transform(truth[number + step], part.box_centre)[2] for step in (-1, 1))
-            moved[number] = pose.copy()
-            moved[number][2, 3] += error.offset_mm + error.lead_frames * (after - before) / 2.0
-    return moved
+def shifted_in_depth(poses: Mapping[int, FloatArray], shift: DepthShift, part: Part) -> dict[int, FloatArray]:
+    """Poses (4, 4) by frame number, shifted in depth; frames whose neighbours are unknown are left out."""
+    shifted = {}
+    for number, pose in poses.items():
+        if number - 1 in poses and number + 1 in poses:
+            before, after = (transform(poses[number + step], part.box_centre)[2] for step in (-1, 1))
+            shifted[number] = pose.copy()
+            shifted[number][2, 3] += shift.offset_mm + shift.frames * (after - before) / 2.0
+    return shifted
 
 
 def joined(studies: list[SharedErrors]) -> SharedErrors:
     """Those of several sequences as one."""
-    names = ("first", "second", "apart", "first_mm", "second_mm", "motion_mm")
+    names = ("frame_ids", "first", "second", "apart", "first_mm", "second_mm", "motion_mm")
     return SharedErrors(*(np.concatenate([getattr(study, name) for study in studies]) for name in names))
 
 
@@ -133,13 +136,13 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
     return float(first @ second) / size if size > 0.0 else np.nan
 
 
-def _depth_error(errors_mm: FloatArray, motion_mm: FloatArray) -> DepthError:
+def _depth_shift(errors_mm: FloatArray, motion_mm: FloatArray) -> DepthShift:
     lead = float(_lead(errors_mm, motion_mm)[2])
     known = np.isfinite(motion_mm).all(1)
     # Where the speed never changes an offset says it all.
     lead = lead if np.isfinite(lead) else 0.0
     offset = (errors_mm - lead * motion_mm)[known, 2] if known.any() else errors_mm[:, 2]
-    return DepthError(float(offset.mean()), lead)
+    return DepthShift(float(offset.mean()), lead)
 
 
 def _lead(errors_mm: FloatArray, motion_mm: FloatArray) -> FloatArray:

@@ -74,3 +74,11 @@ def test_the_wrong_ways_to_count_differ_from_the_right_one_and_each_other() -> N
         (scored < 0.05).mean(),
     ]
     assert np.diff(np.sort(shares)).min() > 0.01
+
+
+def test_how_late() -> None:
+    passes("11.4", 0.62)
+    hints("11.4", -0.6, "late, not early")
+    hints("11.4", 0.8, "more exact")
+    hints("11.4", 3.0, "three axes")
+    hints("11.4", "late", "number of frames")

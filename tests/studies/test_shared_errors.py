@@ -8,7 +8,7 @@ import pytest
 from acp_lab.cad.part import Part
 from acp_lab.errors import ParameterError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.studies.shared_errors import joined, shared_errors, without
+from acp_lab.studies.shared_errors import joined, shared_errors, shifted_in_depth
 from tests.made_parts import box
 
 Track = dict[int, FloatArray]
@@ -51,8 +51,8 @@ def test_a_truth_whose_depth_is_late_is_told_by_both(part: Part) -> None:
         assert lead[2] == pytest.approx(0.4, abs=0.03)
         assert np.abs(lead[:2]).max() < 0.1
     assert np.median(found.apart) < 0.5 * np.median(found.first)
-    of_second = found.depth_errors[1]
-    moved = shared_errors(part, without(truth, of_second, part), first, second)
+    to_second = found.depth_shifts[1]
+    moved = shared_errors(part, shifted_in_depth(truth, to_second, part), first, second)
     assert np.median(moved.first) < 0.5 * np.median(found.first)
 
 
@@ -60,8 +60,8 @@ def test_trackers_that_err_on_their_own_say_nothing_of_the_truth(part: Part) -> 
     truth, first, second = track(), track(noise_mm=noise(1)), track(noise_mm=noise(2) + np.array([0.0, 0.0, 3.0]))
     found = shared_errors(part, truth, first, second)
     assert np.abs(found.correlation).max() < 0.5
-    assert found.depth_errors[1].offset_mm == pytest.approx(3.0, abs=0.2)
-    moved = shared_errors(part, without(truth, found.depth_errors[1], part), first, second)
+    assert found.depth_shifts[1].offset_mm == pytest.approx(3.0, abs=0.2)
+    moved = shared_errors(part, shifted_in_depth(truth, found.depth_shifts[1], part), first, second)
     assert np.median(moved.first) > 2.0 * np.median(found.first)
 
 
@@ -73,7 +73,7 @@ def test_a_part_at_rest_has_no_lead(part: Part) -> None:
     assert np.isnan(found.first_lead).all()
     assert found.correlation[2] == pytest.approx(1.0)
     assert np.isnan(found.correlation[0])
-    assert found.depth_errors[0].lead_frames == 0.0
+    assert found.depth_shifts[0].frames == 0.0
 
 
 def test_only_frames_that_all_three_know_count(part: Part) -> None:

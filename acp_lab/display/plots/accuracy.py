@@ -1,4 +1,4 @@
-"""Pictures of accuracy: errors over the frames, recall over the limit, tables of methods as dots.
+"""Pictures of accuracy: errors over the frames, recall over the limit, depth errors, tables of methods as dots.
 
 Convention: ADD(-S) in percent of the diameter; shares of frames in [0, 1].
 """
@@ -14,6 +14,7 @@ from acp_lab.display.colours import OBJECT_COLOURS
 from acp_lab.display.look import UNKNOWN, as_it_is
 from acp_lab.evaluation.metrics import LOST_SHARE, FrameErrors
 from acp_lab.evaluation.paper_tables import Table
+from acp_lab.studies.shared_errors import SharedErrors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +51,16 @@ def draw_recall(axes: Axes, runs: Mapping[str, FrameErrors], limit_percent: floa
     axes.set_xlabel("limit of ADD(-S) [% of diameter]")
     axes.set_ylabel("share of frames below the limit")
     axes.legend(loc="center right")
+
+
+def draw_depth_errors(axes: Axes, study: SharedErrors, names: tuple[str, str]) -> None:
+    """How far two trackers find the part behind its true place, in each frame; names: theirs."""
+    for name, errors_mm, colour in zip(names, (study.first_mm, study.second_mm), OBJECT_COLOURS, strict=False):
+        axes.plot(study.frame_ids, errors_mm[:, 2], color=colour, linewidth=1.5, label=as_it_is(name))
+    axes.axhline(0.0, color=UNKNOWN, linestyle="--", linewidth=0.8)
+    axes.set_xlabel("image id")
+    axes.set_ylabel("too far away by [mm]")
+    axes.legend()
 
 
 def draw_table(axes: Axes, table: Table, title: str) -> None:

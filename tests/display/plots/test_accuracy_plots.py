@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acp_lab.display.plots.accuracy import draw_errors, draw_recall, draw_table
+from acp_lab.display.plots.accuracy import draw_depth_errors, draw_errors, draw_recall, draw_table
 from acp_lab.evaluation.metrics import FrameErrors, area_under_curve
 from acp_lab.evaluation.paper_tables import MethodRow, Table
+from acp_lab.studies.shared_errors import SharedErrors
 from tests.display.blank_axes import axes_of
 
 
@@ -29,6 +30,17 @@ def test_the_area_drawn_is_the_one_of_the_scores() -> None:
     draw_recall(axes, {"one": run})
     assert axes.lines[0].get_ydata()[-1] == pytest.approx(0.75)
     assert axes.lines[0].get_label() == f"one: AUC {area_under_curve(run.distance, 0.1):.2f}"
+
+
+def test_depth_errors_of_two_trackers_by_frame() -> None:
+    (axes,) = axes_of()
+    zeros, first_mm, second_mm = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    first_mm[:, 2], second_mm[:, 2] = (1.0, 2.0, -1.0), (0.5, 0.0, 0.0)
+    study = SharedErrors(np.array([4, 5, 7]), zeros, zeros, zeros, first_mm, second_mm, np.zeros((3, 3)))
+    draw_depth_errors(axes, study, ("one", "other"))
+    assert [line.get_label() for line in axes.lines[:2]] == ["one", "other"]
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [4, 5, 7])
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), [1.0, 2.0, -1.0])
 
 
 def test_a_table_has_a_row_per_method_and_two_dots_each() -> None:
