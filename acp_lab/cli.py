@@ -9,6 +9,7 @@ have to be set before NumPy is first imported.
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -410,10 +411,17 @@ def lab(
     raise typer.Exit(open_lab(browser, folder))
 
 
+def _let_print_anything() -> None:
+    """Names and signs such as ° that the terminal's encoding lacks are printed as escapes, and end no command."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a caller may have put something else in its place
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the exit status, never an exception. arguments: without the program's name."""
     words = joined_regions(list(sys.argv[1:] if arguments is None else arguments))
     console.drop_notes()
+    _let_print_anything()
     with console.native_code_silenced(), console.warnings_as_notes(), interrupt.remembered():
         try:
             # Not app(...): that would install typer's own printing of exceptions.

@@ -1,14 +1,19 @@
-"""Writing a file whole or not at all, so that a run that is stopped leaves the old file or none, never half of one."""
+"""Writing a file whole or not at all, so that a run that is stopped leaves the old file or none, never half of one.
+
+And never in place of one that somebody else made.
+"""
 
 from __future__ import annotations
 
 import glob
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from acp_lab.errors import InputFileError
+from acp_lab.input_file import check_regular
 
 
 @contextmanager
@@ -59,3 +64,23 @@ def write_changed(path: Path, content: bytes, what: str = "the file") -> None:
         is_same = False
     if not is_same:
         write_whole(path, content, what)
+
+
+def check_replaces_own(path: Path, beginning: bytes, writer: str, kind: str) -> None:
+    """Refuse to replace what is not of this program, such as a data set's truth, and to wait for a pipe's reader.
+
+    Args:
+        beginning: bytes that files of this kind begin with; an empty file may be replaced, too.
+        writer: whoever would replace it, such as "--out"; kind: such as "results".
+
+    Raises:
+        InputFileError: the file begins otherwise, or is none.
+    """
+    if path.exists():
+        check_regular(path, f"give {writer} another place", math.inf)
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        start = file.read(len(beginning))
+    if start and start != beginning:
+        raise InputFileError(f"{path}: {writer} would replace a file that is not {kind}: choose another name")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -111,6 +112,18 @@ def test_our_own_faults_exit_1_and_say_where(
     assert outcome.status == 1
     assert outcome.err.count("\n") == 1
     assert "ZeroDivisionError in test_cli.py" in outcome.err
+
+
+def test_signs_that_the_output_cannot_hold_are_escaped() -> None:
+    """As where Windows writes to a pipe, or a locale is Latin-1."""
+    code = (
+        "import sys; from acp_lab.cli import main; from acp_lab.commands import demo; "
+        "demo.run_demo = lambda out: print('5 °, Ω'); sys.exit(main(['demo']))"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.split() == [b"5", rb"\xb0,", rb"\u03a9"]
 
 
 def test_notes_wait_for_success(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

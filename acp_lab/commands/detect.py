@@ -14,10 +14,12 @@ import cv2
 import numpy as np
 
 from acp_lab.commands import console, interrupt
-from acp_lab.commands.track import HEADER_START, PartShelf, check_replaces_own
+from acp_lab.commands.track import PartShelf
 from acp_lab.errors import AcpLabError, GeometryError, InputFileError, PreparationError, SequenceError
+from acp_lab.files import check_replaces_own
 from acp_lab.pasted import quoted
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.results_csv import HEADER_START
 
 if TYPE_CHECKING:
     from acp_lab.geometry.arrays import ByteImage
@@ -73,6 +75,10 @@ class DetectOptions:
             raise AcpLabError(f"{self.source}: images need their camera: give --camera CAMERA.json")
         elif self.scenes:
             raise SequenceError(f"--scene {self.scenes[0]}: images and videos have no scenes: leave it out")
+        if self.picture == self.out:
+            raise InputFileError(
+                f"{self.out}: --out is the table, and its picture would replace it: name it {self.out.stem}.csv"
+            )
         for path, start, kind in ((self.out, HEADER_START, "results"), (self.picture, PICTURE_START, "a picture")):
             if path.is_dir():
                 raise InputFileError(f"{path}: is a folder: --out needs a file name")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from acp_lab.commands.bench import NOTHING_TO_COMPARE
-from acp_lab.commands.track import check_replaces_own
 from acp_lab.errors import InputFileError
+from acp_lab.files import check_replaces_own
 
 
 def evaluate_results(dataset: Path, results: Path, split: str = "test", json: Path | None = None) -> None:

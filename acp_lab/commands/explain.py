@@ -39,8 +39,8 @@ class ExplainOptions:
 
 def explain_run(options: ExplainOptions) -> None:
     """Print the explanation, and write its picture beside the results."""
-    from acp_lab.commands.track import check_replaces_own
     from acp_lab.display.plots.diagnosis import explain
+    from acp_lab.files import check_replaces_own
 
     if options.out is not None and options.out.suffix.lower() != ".png":
         raise InputFileError(f"{options.out}: --out writes PNG only: name it {options.out.with_suffix('.png').name}")
@@ -135,7 +135,7 @@ def _results_file(source: Path) -> Path:
 
 def _is_replay(source: Path) -> bool:
     """By what it holds; by its name where that tells nothing, or there is no such file."""
-    from acp_lab.commands.track import HEADER_START
+    from acp_lab.sequences.results_csv import HEADER_START
 
     start = b""
     if source.is_file():  # a pipe would never end

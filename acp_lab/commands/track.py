@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 from acp_lab.commands import console
 from acp_lab.errors import AcpLabError, InputFileError, SequenceError
-from acp_lab.input_file import check_regular
+from acp_lab.files import check_replaces_own
 
 if TYPE_CHECKING:
     from acp_lab.geometry.arrays import FloatArray
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from acp_lab.sequences.protocol import Sequence
 
 DEFAULT_METHOD = "acp"
-HEADER_START = b"scene_id,im_id,"
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ class TrackOptions:
                 raise AcpLabError(f"--{name} {path}: {why}: leave it out")
 
     def _check_outputs(self) -> None:
-        from acp_lab.sequences.results_csv import run_info_path
+        from acp_lab.sequences.results_csv import check_results_place, run_info_path
 
         inputs = [Path(self.init)] if self.init not in (None, "gt", "auto") else []
         inputs += [path for path in (self.video, self.mesh, self.camera, self.config) if path is not None]
@@ -135,22 +134,9 @@ class TrackOptions:
             raise InputFileError(
                 f"{self.replay}: holds the frames before, and --resume would replace it: give --replay another name"
             )
-        check_replaces_own(self.out, HEADER_START, "--out", "results")
-        check_replaces_own(info, b"{", "--out", "run information")
+        check_results_place(self.out, "--out")
         if self.replay is not None:
             check_replaces_own(self.replay, b"RRF", "--replay", "a replay")
-
-
-def check_replaces_own(path: Path, beginning: bytes, option: str, kind: str) -> None:
-    """Refuse to replace what is not of this program, such as a data set's truth, and to wait for a pipe's reader."""
-    if path.exists():
-        check_regular(path, f"give {option} another place", math.inf)
-    if not path.is_file():
-        return
-    with path.open("rb") as file:
-        start = file.read(len(beginning))
-    if start and start != beginning:
-        raise InputFileError(f"{path}: {option} would replace a file that is not {kind}: choose another name")
 
 
 def _is_writable(path: Path) -> bool:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError, SequenceError, TrackingError
-from acp_lab.files import remove_leftovers
+from acp_lab.files import check_replaces_own, remove_leftovers
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
 from acp_lab.input_file import LARGEST_NUMBER, check_regular, read_bytes
@@ -29,6 +29,8 @@ from acp_lab.locks import only_writer
 from acp_lab.sequences.json_file import shown, write_json
 
 HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
+HEADER_START = b"scene_id,im_id,"
+"""What every results file begins with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,12 @@ class ResultRow:
         return self.scene_id, self.im_id, self.obj_id
 
 
+def check_results_place(path: Path, writer: str = "the results") -> None:
+    """InputFileError where a results file, or its `results.run.json`, would replace what is none; writer: who asks."""
+    check_replaces_own(path, HEADER_START, writer, "results")
+    check_replaces_own(run_info_path(path), b"{", writer, "run information")
+
+
 class ResultsWriter:
     """Writes a results file row by row, so that an interrupted run leaves what it had.
 
@@ -55,11 +63,12 @@ class ResultsWriter:
     when the writer is made: the CSV by its header alone, or by its first `keep_bytes` to go on behind them;
     `results.run.json` beside it by run_info (any mapping that JSON can hold: configuration, versions, machine).
     Folders on the way are made. Until it is closed, no other writer may have the file.
-    Raises InputFileError when a file cannot be written, or another program is writing it.
+    Raises InputFileError when a file cannot be written, holds something else, or another program is writing it.
     """
 
     def __init__(self, path: str | Path, run_info: Mapping[str, Any] | None = None, keep_bytes: int = 0) -> None:
         self.path = Path(path)
+        check_results_place(self.path)
         with ExitStack() as on_failure:
             on_failure.enter_context(only_writer(self.path, "these results"))
             remove_leftovers(run_info_path(self.path))

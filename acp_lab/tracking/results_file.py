@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
+from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, check_results_place
 from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import TrackResult
 
@@ -21,11 +21,12 @@ class ResultsFile:
     path: the CSV file. It is replaced when the first frame has been tracked, not before: a start pose may turn out
     to be wrong. run_info: for `results.run.json` beside it, any mapping that JSON can hold; None leaves no such file.
     keep_bytes: of an older run's file that stay before the new rows (`results_csv.rows_with_ends`).
-    Raises InputFileError when the file cannot be written, or another program is writing it.
+    Raises InputFileError when the file cannot be written, holds something else, or another program is writing it.
     """
 
     def __init__(self, path: str | Path, run_info: Mapping[str, Any] | None = None, keep_bytes: int = 0) -> None:
         self.path = Path(path)
+        check_results_place(self.path)  # before a frame is tracked for it
         self._run_info, self._keep_bytes = run_info, keep_bytes
         self._writer: ResultsWriter | None = None
         self._scene_id = 0

@@ -96,6 +96,14 @@ def test_one_image(capsys: pytest.CaptureFixture[str], few_frames: Path, sample_
     assert error_share(row.cam_T_obj, frame_id) < 0.05
 
 
+def test_the_picture_does_not_replace_the_table(
+    capsys: pytest.CaptureFixture[str], few_frames: Path, sample_parts: Path, tmp_path: Path
+) -> None:
+    outcome = run(capsys, "detect", few_frames, "--parts", sample_parts, "--out", tmp_path / "found.png")
+    assert_one_error(outcome, "found.png: --out is the table", "name it found.csv")
+    assert not (tmp_path / "found.png").exists()
+
+
 def test_a_folder_of_images(
     capsys: pytest.CaptureFixture[str], few_frames: Path, sample_parts: Path, tmp_path: Path
 ) -> None:

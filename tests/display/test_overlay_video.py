@@ -140,6 +140,26 @@ def test_a_replay_without_images(tmp_path: Path) -> None:
         write_film([read_replay(check_replay(tmp_path / "run.rrd"))], tmp_path / "film.mp4")
 
 
+def test_only_a_film_of_a_replay_is_replaced(tmp_path: Path) -> None:
+    replay, path = content(tmp_path / "run.rrd"), tmp_path / "film.mp4"
+    write_film([replay], path)
+    assert write_film([replay], path) == len(FRAME_IDS)
+    clip = tmp_path / "clip.mp4"  # such as the one that was tracked
+    with av.open(str(clip), "w") as video:
+        stream = video.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        picture = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
+        video.mux(stream.encode(picture))
+        video.mux(stream.encode(None))
+    words = tmp_path / "words.mp4"
+    words.write_text("no video at all")
+    for other in (clip, words):
+        before = other.read_bytes()
+        with pytest.raises(InputFileError, match=rf"{other.name}.*would replace"):
+            write_film([replay], other)
+        assert other.read_bytes() == before
+
+
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputFileError, match=r"film\.mp4.*cannot be written"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import subprocess
@@ -48,6 +49,23 @@ def test_a_whole_file(path: Path) -> None:
     assert content.scenes == ("made/test/000001",)
     assert content.objects == ("obj_000001",)
     np.testing.assert_allclose(content.spot.centre, [1.0, 10.0, 200.0])
+
+
+def test_only_a_replay_is_replaced(path: Path, tmp_path: Path) -> None:
+    Replay(path)
+    pose = tmp_path / "POSE.json"
+    pose.write_text("{}")
+    with pytest.raises(InputFileError, match=r"POSE\.json: the replay would replace a file that is not a replay"):
+        Replay(pose)
+    assert pose.read_text() == "{}"
+
+
+def test_a_name_that_is_no_utf_8_is_written_as_far_as_it_goes(tmp_path: Path) -> None:
+    replay = Replay(tmp_path / "run.rrd")
+    start = replay.on_start
+    replay.on_start = lambda session: start(dataclasses.replace(session, name="d\udcff/test/000001"))  # type: ignore[method-assign]
+    play([replay])
+    assert read_replay(check_replay(tmp_path / "run.rrd")).scenes == ("d?/test/000001",)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")

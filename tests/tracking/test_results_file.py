@@ -13,6 +13,7 @@ from acp_lab.errors import InputFileError, TrackingError
 from acp_lab.sequences import read_results
 from acp_lab.sequences.altered import AlteredSequence
 from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.results_csv import ResultsWriter
 from acp_lab.tracking.results_file import ResultsFile
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -49,12 +50,26 @@ def test_an_interrupted_run_leaves_its_rows(tmp_path: Path) -> None:
 
 def test_a_wrong_start_costs_no_older_results(tmp_path: Path) -> None:
     path = tmp_path / "results.csv"
-    path.write_text("older results")
+    older = "scene_id,im_id,obj_id,score,R,t,time\n"
+    path.write_text(older)
     away = sample_scene().first_pose.copy()
     away[2, 3] = -100.0
     with pytest.raises(TrackingError):
         acp.Tracker(sample_model()).run(sample_scene(), away, observers=[ResultsFile(path)])
-    assert path.read_text() == "older results"
+    assert path.read_text() == older
+
+
+def test_only_results_are_replaced(tmp_path: Path) -> None:
+    path, info = tmp_path / "POSE.json", tmp_path / "results.run.json"
+    path.write_text('{"cam_R_m2c": []}')
+    with pytest.raises(InputFileError, match=r"POSE\.json: the results would replace a file that is not results"):
+        ResultsFile(path)
+    with pytest.raises(InputFileError, match=r"POSE\.json: the results would replace"):
+        ResultsWriter(path)
+    info.write_text("a diary")
+    with pytest.raises(InputFileError, match=r"results\.run\.json: the results would replace"):
+        ResultsFile(tmp_path / "results.csv")
+    assert (path.read_text(), info.read_text()) == ('{"cam_R_m2c": []}', "a diary")
 
 
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:

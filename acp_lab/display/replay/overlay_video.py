@@ -42,6 +42,7 @@ CRF = 21  # H.264's constant quality: 18 is visually lossless, 23 is libx264's o
 BACKGROUND = (24, 26, 31)
 TEXT = (232, 232, 232)
 FAINT = (120, 124, 132)
+_MADE_BY = "acp-lab replay"
 _SHIFT = 4  # fractional bits of cv2's coordinates
 
 
@@ -75,17 +76,19 @@ class _Place:
 def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress | None = None) -> int:
     """Write one or two replays as an MP4 file, whole or not at all; the number of frames.
 
-    Raises AcpLabError without PyAV, InputFileError for a replay without images and for a place that cannot be
-    written.
+    Raises AcpLabError without PyAV, InputFileError for a replay without images, for a place that cannot be written and
+    for one that holds a video which is no such film.
     """
     try:
         import av
     except ImportError:
         raise AcpLabError(f"{path}: films need PyAV: pip install av") from None
+    _check_replaces_film(path)
     panels = [_panel(content, "AB"[order] if len(contents) > 1 else "") for order, content in enumerate(contents)]
     count = max(len(panel.frames) for panel in panels)
     options = {"movflags": "+faststart"}
     with replacing(path, "the film") as part, av.open(str(part), "w", format="mp4", options=options) as film:
+        film.metadata["comment"] = _MADE_BY
         rate = Fraction(fps_of(panels[0].frames)).limit_denominator(1000)
         stream = film.add_stream("libx264", rate=rate, options={"crf": str(CRF), "preset": "veryfast"})
         stream.pix_fmt = "yuv420p"
@@ -98,6 +101,21 @@ def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress
                 progress("film", number + 1, count)
         film.mux(stream.encode(None))
     return count
+
+
+def _check_replaces_film(path: Path) -> None:
+    """Refuse to replace a video that was not made here, such as the one that was tracked."""
+    import av
+
+    if not path.is_file() or not path.stat().st_size:
+        return
+    try:
+        with av.open(str(path)) as video:
+            comment = video.metadata.get("comment", "")
+    except av.FFmpegError:
+        comment = ""
+    if comment != _MADE_BY:
+        raise InputFileError(f"{path}: the film would replace a file that is not one of a replay: choose another name")
 
 
 def _panel(content: ReplayContent, title: str) -> _Panel:

@@ -14,6 +14,7 @@ import math
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from acp_lab.display.replay.images import ImageWriter
 from acp_lab.display.replay.log import BRIGHT_COLOURS, Iterations, RunLog
 from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import InputFileError
+from acp_lab.files import check_replaces_own
 from acp_lab.locks import only_writer
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import SessionInfo
@@ -49,7 +51,7 @@ class Replay:
     path: the file, replaced. sessions: how many sessions (scenes) follow each other in it; the file is
     complete after the last one's end. iterations: of which frames the iterations are recorded. most_mb: how large the
     file may become (`budget`). frames: that come in all sessions, 0 where nobody knows.
-    Raises InputFileError when the file cannot be written, or another program is writing it.
+    Raises InputFileError when the file cannot be written, is no replay, or another program is writing it.
     """
 
     wants_target = True
@@ -63,6 +65,7 @@ class Replay:
         frames: int = 0,
     ) -> None:
         self.path = Path(path)
+        check_replaces_own(self.path, b"RRF", "the replay", "a replay")
         self.iterations = iterations
         self.wants_steps = iterations != "off"
         self._sessions = self._sessions_left = sessions
@@ -85,7 +88,8 @@ class Replay:
 
     def on_start(self, session: SessionInfo) -> None:
         """Forget the last session's things."""
-        self._session = session
+        # Names of folders need not be UTF-8, those in a recording must.
+        self._session = replace(session, name=session.name.encode("utf-8", "replace").decode())
         self._log = None
 
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
