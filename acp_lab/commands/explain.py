@@ -1,7 +1,7 @@
 """`acp-lab explain`: what was likely wrong in a frame of a finished run, in words and with a picture.
 
 The run is found by its results file. `results.run.json` beside it says what was tracked; a replay is found by the
-results file of the same folder that names it.
+results file of the same folder that names it, if only one does.
 """
 
 from __future__ import annotations
@@ -121,16 +121,34 @@ def _results_file(source: Path) -> Path:
     if not _is_replay(source):
         return source
     check_replay(source)
+    written_to: dict[Path, Path] = {}  # replays by the results files of their runs
     for path in sorted(source.resolve().parent.glob("*.run.json")):
-        options = _run_info(path).get("options")
+        info = _run_info(path)
+        options = info.get("options")
         replay = options.get("replay") if isinstance(options, dict) else None
         if replay and Path(str(replay)).name == source.name:
-            results = path.with_name(path.name.removesuffix(".run.json"))
-            return results if results.is_file() else results.with_name(results.name + ".csv")
+            written_to[_results_of(path)] = Path(str(info.get("folder", "."))) / str(replay)
+    # A folder that was moved is elsewhere than its runs say: then the name alone counts.
+    here = [results for results, replay in written_to.items() if replay.resolve() == source.resolve()]
+    found = here or list(written_to)
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = " and ".join(results.name for results in found)
+        raise InputFileError(
+            f"{source}: was written by more than one run, {names}, and holds the last of them: give the results file "
+            "of that run"
+        )
     raise InputFileError(
         f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
         f"folder (acp-lab track --out results.csv --replay run.rrd); {_IN_PYTHON}"
     )
+
+
+def _results_of(info: Path) -> Path:
+    """The results file that the run information stands beside."""
+    results = info.with_name(info.name.removesuffix(".run.json"))
+    return results if results.is_file() else results.with_name(results.name + ".csv")
 
 
 def _is_replay(source: Path) -> bool:

@@ -117,6 +117,27 @@ def test_a_replay_is_explained_by_the_results_beside_it(capsys: pytest.CaptureFi
     assert_one_error(outcome, "other.rrd", "results.csv", "made in Python", "acp.explain(run, frame)")
 
 
+def test_a_replay_that_two_runs_wrote_is_none_of_the_first_one_s(
+    capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path
+) -> None:
+    """The first one by name was explained, whichever wrote it last."""
+    info, replay = results.with_name("results.run.json"), results.with_name("run.rrd")
+    told = json.loads(info.read_text())
+    play([Replay(replay)])
+    shutil.copy(results, tmp_path / "again.csv")
+    other = tmp_path / "again.run.json"
+    other.write_text(json.dumps(told))
+    outcome = run(capsys, "explain", replay)
+    assert_one_error(outcome, "run.rrd", "more than one run", "again.csv and results.csv", "give the results file")
+    assert run(capsys, "explain", results).status == 0
+    # One whose replay of the same name is in another folder is no rival; in a folder that was moved nobody knows.
+    other.write_text(json.dumps({**told, "options": {**told["options"], "replay": "elsewhere/run.rrd"}}))
+    assert f"lost since frame {LOSS}" in run(capsys, "explain", replay).out
+    for path in (info, other):
+        path.write_text(json.dumps({**json.loads(path.read_text()), "folder": str(tmp_path / "gone")}))
+    assert_one_error(run(capsys, "explain", replay), "run.rrd", "again.csv and results.csv")
+
+
 def test_content_counts_not_the_name(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     info = results.with_name("results.run.json")
     info.write_text(info.read_text().replace("run.rrd", "run.replay"))
