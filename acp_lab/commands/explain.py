@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from acp_lab.errors import InputFileError, TrackingError
+from acp_lab.errors import InputFileError, SequenceError, TrackingError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
@@ -181,9 +181,20 @@ def _run(results: Path, options: ExplainOptions) -> TrackRun:
     info_path = run_info_path(results)
     info = _run_info(info_path) if info_path.is_file() else {}
     sequence, parts = _tracked(results, info, options.dataset, scene_id, ids)
+    _check_has_images(sequence, results, {row.im_id for row in rows if row.scene_id == scene_id})
     told = info.get("searches")
     searches = from_rows(told if isinstance(told, list) else (), scene_id)
     return run_from_rows(rows, sequence, parts, str(info.get("method", "unknown")), _states(info, info_path), searches)
+
+
+def _check_has_images(sequence: Sequence, results: Path, im_ids: set[int]) -> None:
+    """SequenceError where results are of images that the sequence lacks: then it is not what was tracked."""
+    unknown = im_ids.difference(sequence.frame_ids)
+    if sequence.frame_ids and unknown:  # a live camera announces none
+        raise SequenceError(
+            f"{results}: {sequence.name} has no image {min(unknown)}, of which there are results: put back the images "
+            "that were tracked, or name their data set with --dataset DIR"
+        )
 
 
 def _states(info: Mapping[str, Any], path: Path) -> StateConfig:

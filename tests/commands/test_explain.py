@@ -157,6 +157,23 @@ def test_results_whose_data_set_is_not_told(capsys: pytest.CaptureFixture[str], 
     assert f"lost since frame {LOSS}" in outcome.out
 
 
+def test_results_of_images_that_the_data_set_lacks(
+    capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path
+) -> None:
+    """A frame without an image was explained without one: nothing stood out."""
+    data = shutil.copytree(sample_dataset(), tmp_path / "data")
+    for path in sorted((data / "test" / "000001" / "rgb").iterdir())[6:]:
+        path.unlink()
+    outcome = run(capsys, "explain", results, "--dataset", data, "--frame", "5")
+    assert_one_error(outcome, "results.csv", "data", "has no image 6, of which there are results", "--dataset DIR")
+    # Results of fewer images than there are, such as a run with --max-frames leaves.
+    lines = results.read_text().splitlines()
+    results.write_text("\n".join([lines[0], *lines[3:6]]) + "\n")
+    outcome = run(capsys, "explain", results, "--dataset", data, "--frame", "2")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "Frame 2 (image 4)" in outcome.out
+
+
 def test_a_video_whose_mesh_is_in_metres(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:
     """The prepared part knows the unit; the command has no option for it."""
     scene, mesh = sample_scene(), tmp_path / "bracket.stl"
