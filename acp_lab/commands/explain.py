@@ -106,12 +106,14 @@ def _verdict(run: TrackRun, object_id: int) -> str:
 
 
 def _most_telling(run: TrackRun, object_id: int) -> int:
-    """Where the first loss began, else the frame with the lowest quality."""
+    """Where the first loss began, else where the pose came to be beside the part, else the lowest quality."""
+    from acp_lab.diagnosis.diagnosis import first_beside
     from acp_lab.diagnosis.recorded_run import first_loss
 
     results = run.results[object_id]
     lost = first_loss(results)
-    return min(range(len(results)), key=lambda number: results[number].quality) if lost is None else lost
+    told = first_beside(run, object_id) if lost is None else lost
+    return min(range(len(results)), key=lambda number: results[number].quality) if told is None else told
 
 
 def _results_file(source: Path) -> Path:

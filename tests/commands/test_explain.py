@@ -110,6 +110,22 @@ def test_a_frame_of_choice(capsys: pytest.CaptureFixture[str], results: Path, tm
     assert (tmp_path / "five.png").is_file()
 
 
+def test_poses_beside_the_part_are_told_where_the_quality_shows_none(
+    capsys: pytest.CaptureFixture[str], results: Path
+) -> None:
+    """All frames keep the score of the good ones; those from LOSS on fall behind the part."""
+    text = results.read_text().replace(",0.05,", ",0.55,")
+    results.write_text(text)
+    outcome = run(capsys, "explain", results)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "Object 1 was never lost in 40 frames." in outcome.out
+    frame = int(outcome.out.partition("\nFrame ")[2].partition(" ")[0])
+    assert LOSS < frame < 40
+    assert "The tracked pose is beside the part. It is off by 1" in outcome.out
+    assert "% of the edges in view are found in the image at the true pose" in outcome.out
+    assert "Nothing stands out" not in outcome.out
+
+
 def test_a_replay_is_explained_by_the_results_beside_it(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     play([Replay(results.with_name("run.rrd")), Replay(results.with_name("other.rrd"))])
     assert f"lost since frame {LOSS}" in run(capsys, "explain", results.with_name("run.rrd")).out
