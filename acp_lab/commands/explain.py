@@ -1,7 +1,7 @@
 """`acp-lab explain`: what was likely wrong in a frame of a finished run, in words and with a picture.
 
 The run is found by its results file. `results.run.json` beside it says what was tracked; a replay is found by the
-results file of the same folder that names it.
+results file of the same folder that names it, if only one does.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from acp_lab.errors import InputFileError, TrackingError
+from acp_lab.errors import InputFileError, SequenceError, TrackingError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
@@ -106,12 +106,14 @@ def _verdict(run: TrackRun, object_id: int) -> str:
 
 
 def _most_telling(run: TrackRun, object_id: int) -> int:
-    """Where the first loss began, else the frame with the lowest quality."""
+    """Where the first loss began, else where the pose came to be beside the part, else the lowest quality."""
+    from acp_lab.diagnosis.diagnosis import first_beside
     from acp_lab.diagnosis.recorded_run import first_loss
 
     results = run.results[object_id]
     lost = first_loss(results)
-    return min(range(len(results)), key=lambda number: results[number].quality) if lost is None else lost
+    told = first_beside(run, object_id) if lost is None else lost
+    return min(range(len(results)), key=lambda number: results[number].quality) if told is None else told
 
 
 def _results_file(source: Path) -> Path:
@@ -121,16 +123,34 @@ def _results_file(source: Path) -> Path:
     if not _is_replay(source):
         return source
     check_replay(source)
+    written_to: dict[Path, Path] = {}  # replays by the results files of their runs
     for path in sorted(source.resolve().parent.glob("*.run.json")):
-        options = _run_info(path).get("options")
+        info = _run_info(path)
+        options = info.get("options")
         replay = options.get("replay") if isinstance(options, dict) else None
         if replay and Path(str(replay)).name == source.name:
-            results = path.with_name(path.name.removesuffix(".run.json"))
-            return results if results.is_file() else results.with_name(results.name + ".csv")
+            written_to[_results_of(path)] = Path(str(info.get("folder", "."))) / str(replay)
+    # A folder that was moved is elsewhere than its runs say: then the name alone counts.
+    here = [results for results, replay in written_to.items() if replay.resolve() == source.resolve()]
+    found = here or list(written_to)
+    if len(found) == 1:
+        return found[0]
+    if found:
+        names = " and ".join(results.name for results in found)
+        raise InputFileError(
+            f"{source}: was written by more than one run, {names}, and holds the last of them: give the results file "
+            "of that run"
+        )
     raise InputFileError(
         f"{source}: no results file beside it names this replay: give the results.csv of the run, or keep both in one "
         f"folder (acp-lab track --out results.csv --replay run.rrd); {_IN_PYTHON}"
     )
+
+
+def _results_of(info: Path) -> Path:
+    """The results file that the run information stands beside."""
+    results = info.with_name(info.name.removesuffix(".run.json"))
+    return results if results.is_file() else results.with_name(results.name + ".csv")
 
 
 def _is_replay(source: Path) -> bool:
@@ -163,9 +183,20 @@ def _run(results: Path, options: ExplainOptions) -> TrackRun:
     info_path = run_info_path(results)
     info = _run_info(info_path) if info_path.is_file() else {}
     sequence, parts = _tracked(results, info, options.dataset, scene_id, ids)
+    _check_has_images(sequence, results, {row.im_id for row in rows if row.scene_id == scene_id})
     told = info.get("searches")
     searches = from_rows(told if isinstance(told, list) else (), scene_id)
     return run_from_rows(rows, sequence, parts, str(info.get("method", "unknown")), _states(info, info_path), searches)
+
+
+def _check_has_images(sequence: Sequence, results: Path, im_ids: set[int]) -> None:
+    """SequenceError where results are of images that the sequence lacks: then it is not what was tracked."""
+    unknown = im_ids.difference(sequence.frame_ids)
+    if sequence.frame_ids and unknown:  # a live camera announces none
+        raise SequenceError(
+            f"{results}: {sequence.name} has no image {min(unknown)}, of which there are results: put back the images "
+            "that were tracked, or name their data set with --dataset DIR"
+        )
 
 
 def _states(info: Mapping[str, Any], path: Path) -> StateConfig:

@@ -85,8 +85,9 @@ def what_spoilt_them(answer: Any) -> str:
         if as_choice(given[name], CAUSES) != cause:
             raise Hint(f"Run {name}: {_LOOK_AT[name]}")
     return (
-        "All three. explain names the first beside other causes, calls the second something else, and has no "
-        "word for the third: what is wrong from the first frame on has no good frame before it to be compared with."
+        "All three. explain names the first beside other causes, calls the second something else, and of the third "
+        "says, knowing the truth, only that the pose is beside the part: what is wrong from the first frame on has no "
+        "good frame before it to be compared with."
     )
 
 

@@ -33,6 +33,8 @@ from acp_lab.tracking.session import TrackRun
 
 ELSEWHERE_PERCENT = 10.0
 """ADD in percent of the diameter above which a pose is beside the part."""
+MOST_VERTICES = 2000
+"""Enough to tell whether a pose is beside the part, in every frame of a run."""
 LOOK_BACK = 6
 """The frame to compare with is one of so many before the problem."""
 
@@ -82,8 +84,17 @@ class Diagnosis:
 
     @property
     def is_good(self) -> bool:
-        """Whether the frame itself was tracked well and no cause is named."""
-        return self.state is TrackState.TRACKING and self.onset == self.frame and not self.findings
+        """Whether the frame itself was tracked well, as far as is known, and no cause is named."""
+        return self._has_good_quality and not self.is_beside and not self.findings
+
+    @property
+    def is_beside(self) -> bool:
+        """Whether the truth is known and the tracked pose is beside the part, whatever its quality."""
+        return self.add_percent > ELSEWHERE_PERCENT
+
+    @property
+    def _has_good_quality(self) -> bool:
+        return self.state is TrackState.TRACKING and self.onset == self.frame
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -109,6 +120,14 @@ class Diagnosis:
     @property
     def conclusion(self) -> str:
         """What is said when no cause is named. Never that all is well: nothing measured here can show that."""
+        if self.is_beside:
+            words = [
+                "The tracked pose is beside the part.",
+                f"It is off by {self.add_percent:.1f}% of the diameter ({self.metric}), and no known cause stands out.",
+            ]
+            if self._has_good_quality:
+                words.append("The quality does not show it.")
+            return " ".join([*words, *self._edges_found()])
         if not self.is_good:
             return "No known cause stands out."
         words = ["Nothing stands out."]
@@ -116,14 +135,21 @@ class Diagnosis:
             change = round(100.0 * (self.quality / self.usual_quality - 1.0))
             than = f"{abs(change)}% {'above' if change > 0 else 'below'}" if change else "as in"
             words.append(f"The quality is {than} the good frames before it.")
-        if self.evidence is not None:
-            share, limit = self.evidence.found_share, self.found_limit
-            told = f"{100.0 * share:.0f}% of the edges in view are found in the image"
-            # Fewer are no cause where something hides the others.
-            hidden = f", {100.0 * float(self.hidden.mean()):.0f}% are hidden"
-            words.append(f"{told} (few: below {100.0 * limit:.0f}%)." if share >= limit else f"{told}{hidden}.")
+        words += self._edges_found()
         words.append("Neither would reveal a pose that drifts slowly or was wrong from the start.")
         return " ".join(words)
+
+    def _edges_found(self) -> list[str]:
+        """A sentence on the share of edges that the image shows; none without an image."""
+        if self.evidence is None:
+            return []
+        share, limit = self.evidence.found_share, self.found_limit
+        told = f"{100.0 * share:.0f}% of the edges in view are found in the image"
+        if self.is_beside:
+            told += f" at {self.measured_at}, which says nothing of the tracked one"
+        # Fewer are no cause where something hides the others.
+        hidden = f", {100.0 * float(self.hidden.mean()):.0f}% are hidden" if self.hidden.any() else ""
+        return [f"{told} (few: below {100.0 * limit:.0f}%)." if share >= limit else f"{told}{hidden}."]
 
     def __str__(self) -> str:
         lines = [self.summary]
@@ -156,6 +182,19 @@ def diagnose(
     good = _reference(results, onset)
     frames = _frames(sequence or run.sequence, results, {0, good, *range(max(onset - 1, 0), frame + 1)})
     return _Case(run, object_id, results, frame, onset, good, usual, frames, config).diagnosis()
+
+
+def first_beside(run: TrackRun, object_id: int) -> int | None:
+    """The first frame, counted from 0, whose pose is beside the part; None for none, and where truth is unknown."""
+    session = run.session
+    if session is None or session.truth is None or object_id not in run.parts:
+        return None
+    metric = PartMetric(run.parts[object_id], most_vertices=MOST_VERTICES)
+    for number, result in enumerate(run.results[object_id]):
+        truth = session.truth(result.frame_id, object_id)
+        if metric.percent(result.cam_T_obj, truth) > ELSEWHERE_PERCENT:  # False where the truth is unknown
+            return number
+    return None
 
 
 def _results_of(run: TrackRun, frame: int, object_id: int | None) -> tuple[tuple[TrackResult, ...], int]:

@@ -110,11 +110,48 @@ def test_a_frame_of_choice(capsys: pytest.CaptureFixture[str], results: Path, tm
     assert (tmp_path / "five.png").is_file()
 
 
+def test_poses_beside_the_part_are_told_where_the_quality_shows_none(
+    capsys: pytest.CaptureFixture[str], results: Path
+) -> None:
+    """All frames keep the score of the good ones; those from LOSS on fall behind the part."""
+    text = results.read_text().replace(",0.05,", ",0.55,")
+    results.write_text(text)
+    outcome = run(capsys, "explain", results)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "Object 1 was never lost in 40 frames." in outcome.out
+    frame = int(outcome.out.partition("\nFrame ")[2].partition(" ")[0])
+    assert LOSS < frame < 40
+    assert "The tracked pose is beside the part. It is off by 1" in outcome.out
+    assert "% of the edges in view are found in the image at the true pose" in outcome.out
+    assert "Nothing stands out" not in outcome.out
+
+
 def test_a_replay_is_explained_by_the_results_beside_it(capsys: pytest.CaptureFixture[str], results: Path) -> None:
     play([Replay(results.with_name("run.rrd")), Replay(results.with_name("other.rrd"))])
     assert f"lost since frame {LOSS}" in run(capsys, "explain", results.with_name("run.rrd")).out
     outcome = run(capsys, "explain", results.with_name("other.rrd"))
     assert_one_error(outcome, "other.rrd", "results.csv", "made in Python", "acp.explain(run, frame)")
+
+
+def test_a_replay_that_two_runs_wrote_is_none_of_the_first_one_s(
+    capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path
+) -> None:
+    """The first one by name was explained, whichever wrote it last."""
+    info, replay = results.with_name("results.run.json"), results.with_name("run.rrd")
+    told = json.loads(info.read_text())
+    play([Replay(replay)])
+    shutil.copy(results, tmp_path / "again.csv")
+    other = tmp_path / "again.run.json"
+    other.write_text(json.dumps(told))
+    outcome = run(capsys, "explain", replay)
+    assert_one_error(outcome, "run.rrd", "more than one run", "again.csv and results.csv", "give the results file")
+    assert run(capsys, "explain", results).status == 0
+    # One whose replay of the same name is in another folder is no rival; in a folder that was moved nobody knows.
+    other.write_text(json.dumps({**told, "options": {**told["options"], "replay": "elsewhere/run.rrd"}}))
+    assert f"lost since frame {LOSS}" in run(capsys, "explain", replay).out
+    for path in (info, other):
+        path.write_text(json.dumps({**json.loads(path.read_text()), "folder": str(tmp_path / "gone")}))
+    assert_one_error(run(capsys, "explain", replay), "run.rrd", "again.csv and results.csv")
 
 
 def test_content_counts_not_the_name(capsys: pytest.CaptureFixture[str], results: Path) -> None:
@@ -134,6 +171,23 @@ def test_results_whose_data_set_is_not_told(capsys: pytest.CaptureFixture[str], 
     outcome = run(capsys, "explain", results, "--dataset", sample_dataset())
     assert outcome.status == 0
     assert f"lost since frame {LOSS}" in outcome.out
+
+
+def test_results_of_images_that_the_data_set_lacks(
+    capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path
+) -> None:
+    """A frame without an image was explained without one: nothing stood out."""
+    data = shutil.copytree(sample_dataset(), tmp_path / "data")
+    for path in sorted((data / "test" / "000001" / "rgb").iterdir())[6:]:
+        path.unlink()
+    outcome = run(capsys, "explain", results, "--dataset", data, "--frame", "5")
+    assert_one_error(outcome, "results.csv", "data", "has no image 6, of which there are results", "--dataset DIR")
+    # Results of fewer images than there are, such as a run with --max-frames leaves.
+    lines = results.read_text().splitlines()
+    results.write_text("\n".join([lines[0], *lines[3:6]]) + "\n")
+    outcome = run(capsys, "explain", results, "--dataset", data, "--frame", "2")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "Frame 2 (image 4)" in outcome.out
 
 
 def test_a_video_whose_mesh_is_in_metres(capsys: pytest.CaptureFixture[str], results: Path, tmp_path: Path) -> None:

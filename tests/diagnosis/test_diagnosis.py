@@ -15,7 +15,7 @@ from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
 from acp_lab.diagnosis import causes
 from acp_lab.diagnosis.causes import Cause, DiagnosisConfig
-from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose
+from acp_lab.diagnosis.diagnosis import Diagnosis, diagnose, first_beside
 from acp_lab.diagnosis.frame_evidence import PartObserver, image_motion
 from acp_lab.diagnosis.recorded_run import run_from_rows
 from acp_lab.errors import SequenceError
@@ -402,6 +402,34 @@ def test_the_error_told_is_that_of_the_evaluation(good: TrackRun, part: Part, tr
     assert diagnosis.add_percent == pytest.approx(100.0 * errors.distance[0], rel=1e-9)
     assert diagnosis.add_percent == pytest.approx(100.0 * 5.0 / part.diameter)
     assert f", ADD {100.0 * 5.0 / part.diameter:.1f}% of the diameter" in diagnosis.summary
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_pose_beside_the_part_is_named_whatever_its_quality(good: TrackRun, part: Part, known: bool) -> None:
+    """It was said that nothing stands out, with the edges found, which are those of the true pose."""
+    results = list(good.results[1])
+    for number in range(3, FRAMES):
+        off = results[number].cam_T_obj.copy()
+        off[:3, 3] += (0.3 * part.diameter, 0.0, 0.0)
+        results[number] = replace(results[number], cam_T_obj=off, predicted=off)
+    run = replace(good, results={1: tuple(results)})
+    run = run if known else without_truth(run)
+    assert first_beside(run, 1) == (3 if known else None)
+    assert diagnose(run, 2).is_good
+    diagnosis = diagnose(run, 5)
+    assert diagnosis.is_beside == known
+    if known:
+        assert diagnosis.findings == ()
+        assert not diagnosis.is_good
+        assert diagnosis.add_percent == pytest.approx(30.0, abs=2.0)
+        assert diagnosis.conclusion.startswith("The tracked pose is beside the part. It is off by")
+        assert f"{diagnosis.add_percent:.1f}% of the diameter (ADD)" in diagnosis.conclusion
+        assert "The quality does not show it." in diagnosis.conclusion
+        assert "found in the image at the true pose" in diagnosis.conclusion
+        weak = replace(results[5], state=TrackState.WEAK)
+        words = diagnose(replace(run, results={1: (*results[:5], weak, *results[6:])}), 5).conclusion
+        assert "quality does not" not in words
+    assert ("Nothing stands out" in str(diagnosis)) is (not known and diagnosis.is_good)
 
 
 def test_a_part_turned_by_its_symmetry_is_right() -> None:
