@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from acp_lab.commands import console
-from acp_lab.errors import AcpLabError, InputFileError, SequenceError
+from acp_lab.errors import AcpLabError, InputFileError, SequenceError, TrackingError
 from acp_lab.files import check_replaces_own
 
 if TYPE_CHECKING:
@@ -199,10 +199,12 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
     sequences = [_from_first_start(options, scene) for scene in scenes]
     starts = [_start_poses(options, sequence) for sequence in sequences]
     jobs = []
-    for sequence, poses in zip(sequences, starts, strict=True):
+    for scene, sequence, poses in zip(scenes, sequences, starts, strict=True):
         chosen = _chosen(options.objects, poses)
         if chosen:
-            jobs.append(_job(options, sequence, _meshes(dataset, chosen), chosen, shelf))
+            job = _job(options, sequence, _meshes(dataset, chosen), chosen, shelf)
+            _check_in_sight(scene, job, options.init)
+            jobs.append(job)
     _check_all_found(options.objects, starts)
     return tuple(jobs)
 
@@ -294,6 +296,22 @@ def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatAr
                 "add its start pose, or choose others with --object"
             )
     return starts
+
+
+def _check_in_sight(scene: BopScene, job: SceneJob, init: str | None) -> None:
+    """TrackingError for a start pose from which the part cannot be seen: else earlier scenes were tracked in vain."""
+    from acp_lab.cad.part import box_corners
+    from acp_lab.tracking.frame_view import crop_box
+
+    first = job.sequence.frame_ids[0]
+    for object_id, pose in job.starts.items():
+        if crop_box(box_corners(job.models[object_id].part), pose, scene.camera(first), 0.0) is None:
+            told_by = scene.folder / "scene_gt.json" if init in (None, "gt") else init
+            at = ", ".join(f"{value:.1f}" for value in pose[:3, 3])
+            raise TrackingError(
+                f"{told_by}: scene {scene.scene_id}, image {first}, object {object_id}: at the start pose, t = {at} "
+                "mm, the part is behind the camera or outside the image: check pose, unit and camera"
+            )
 
 
 def _chosen(objects: tuple[int, ...], starts: Mapping[int, FloatArray]) -> dict[int, FloatArray]:

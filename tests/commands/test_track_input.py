@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.cli_runner import Outcome, assert_one_error, run
-from tests.commands.conftest import CAMERA, OBJECT_IDS, edit_json, true_pose
+from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
 from tests.sequences.tiny_dataset import write_json
 
 OLD = "scene_id,im_id,obj_id,score,R,t,time\nolder results\n"
@@ -179,6 +179,21 @@ def test_damaged_start_poses(
     (tmp_path / "poses.csv").write_text(content)
     outcome = track(capsys, dataset, parts, out, "--init", tmp_path / "poses.csv")
     assert_one_error(outcome, "poses.csv")
+
+
+def test_a_start_out_of_sight_in_a_later_scene(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, parts: Path, out: Path
+) -> None:
+    root = write_dataset(tmp_path / "two", scenes=(1, 2))
+
+    def put_behind(truth: dict[str, Any]) -> None:
+        for entry in truth[str(FRAME_IDS[0])]:
+            entry["cam_t_m2c"][2] *= -1.0
+
+    edit_json(root / "test" / "000002" / "scene_gt.json", put_behind)
+    outcome = track(capsys, root, parts, out)
+    told = "000002/scene_gt.json: scene 2, image 0, object 1", "behind the camera or outside the image"
+    assert_one_error(outcome, *told)
 
 
 def test_outputs_that_would_overwrite_something(
