@@ -23,7 +23,7 @@ from acp_lab.commands import interrupt
 from acp_lab.commands.console import Progress, warn
 from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import InputFileError, PreparationError
-from acp_lab.preparation import prepare
+from acp_lab.preparation import check_device, prepare
 from acp_lab.prepared_part import PrepareOptions, part_folder, read_header
 
 
@@ -50,10 +50,12 @@ def prepare_parts(
 
     Raises:
         InputFileError: a mesh that cannot be read, two of the same name, or `out` is a file.
-        PreparationError: the part was prepared before in another unit.
+        PreparationError: the part was prepared before in another unit, or there is no GPU where one was asked for.
         ParameterError: `spread` makes no sense, or no scheduler answers.
     """
     _check_places(meshes, out)
+    if options is not None and spread.scheduler is None:  # the machines of a cluster know their own devices
+        check_device(options)
     interrupt.check()
     parts = [read_part(mesh, unit) for mesh in dict.fromkeys(meshes)]
     for part in parts:
@@ -72,9 +74,7 @@ def prepare_parts(
     importlib.import_module("acp_lab.tracking.tracker")
 
 
-def _prepare_elsewhere(
-    meshes: Sequence[Path], out: Path, options: PrepareOptions, unit: str, spread: Spread
-) -> None:
+def _prepare_elsewhere(meshes: Sequence[Path], out: Path, options: PrepareOptions, unit: str, spread: Spread) -> None:
     job = {"out": os.path.abspath(out), "options": asdict(options), "unit": unit, "threads": spread.threads}
     asked = {str(mesh): json.dumps({**job, "mesh": os.path.abspath(mesh)}) for mesh in dict.fromkeys(meshes)}
     with Progress() as progress:

@@ -191,7 +191,7 @@ class PartShelf:
             loaded = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
             if loaded.lacks:
                 console.warn(
-                    f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.prepare_command}"
+                    f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.mend_command}"
                 )
             self._loaded[mesh] = loaded
         return self._loaded[mesh]
