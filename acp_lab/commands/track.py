@@ -87,6 +87,11 @@ class TrackOptions:
         if self.video is None:
             why = "only goes with a video or a folder of images, given as --video"
             self._refuse(why, mesh=self.mesh, camera=self.camera)
+            if Path(self.init or "").suffix.lower() == ".json":
+                raise AcpLabError(
+                    f"--init {self.init}: a POSE.json only goes with --video: for a data set give a results file, or "
+                    "--init auto"
+                )
         else:
             self._check_video(self.video)
         self._check_outputs()

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.sequences import write_pose
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, OBJECT_IDS, edit_json, true_pose
 from tests.sequences.tiny_dataset import write_json
@@ -179,6 +180,16 @@ def test_damaged_start_poses(
     (tmp_path / "poses.csv").write_text(content)
     outcome = track(capsys, dataset, parts, out, "--init", tmp_path / "poses.csv")
     assert_one_error(outcome, "poses.csv")
+
+
+@pytest.mark.parametrize("name", ["POSE.json", "missing.JSON"])
+def test_a_pose_of_a_video_is_no_start_of_a_data_set(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, tmp_path: Path, name: str
+) -> None:
+    write_pose(tmp_path / "POSE.json", true_pose(0))
+    outcome = track(capsys, dataset, parts, out, "--init", tmp_path / name)
+    told = f"--init {tmp_path / name}: a POSE.json only goes with --video: for a data set give a results file, or"
+    assert_one_error(outcome, f"{told} --init auto\n")
 
 
 def test_outputs_that_would_overwrite_something(
