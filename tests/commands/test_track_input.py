@@ -309,5 +309,7 @@ def test_a_start_pose_that_does_not_show_the_part(
 
     edit_json(dataset / "test" / "000001" / "scene_gt.json", move_away)
     (tmp_path / "old.rrd").write_text(OLD_REPLAY)
-    assert_one_error(track(capsys, dataset, parts, out, "--replay", tmp_path / "old.rrd"), "start pose")
+    refused = track(capsys, dataset, parts, out, "--replay", tmp_path / "old.rrd")
+    told = f"{dataset / 'test' / '000001' / 'scene_gt.json'}: image 0: obj_000001: at the start pose t = [5000.0"
+    assert_one_error(refused, f"error: {told}")
     assert (tmp_path / "old.rrd").read_text() == OLD_REPLAY
