@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from acp_lab.bench.workers import each
+from acp_lab.cad.edges import check_has_edges
 from acp_lab.cad.models_info import read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.commands import interrupt
@@ -46,10 +47,12 @@ def prepare_parts(
 ) -> None:  # fmt: skip
     """Prepare every mesh into a folder of `out` named after its file, and print one line for each.
 
-    All meshes are read before the first is prepared, so that a bad one costs no time. unit: of their numbers.
+    All meshes are read, and looked at for edges, before the first is prepared, so that a bad one costs no time. unit:
+    of their numbers.
 
     Raises:
         InputFileError: a mesh that cannot be read, two of the same name, or `out` is a file.
+        PartError: a mesh without edges that could be tracked, such as a flat one.
         PreparationError: the part was prepared before in another unit, or there is no GPU where one was asked for.
         ParameterError: `spread` makes no sense, or no scheduler answers.
     """
@@ -60,6 +63,7 @@ def prepare_parts(
     parts = [read_part(mesh, unit) for mesh in dict.fromkeys(meshes)]
     for part in parts:
         _check_size_there(part, part_folder(out, part.name), options is None or options.resume)
+        check_has_edges(part)
     for part in parts:
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")

@@ -219,6 +219,18 @@ def test_mesh_without_faces(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     assert_one_error(prepare(capsys, tmp_path / "parts", path), "points.obj")
 
 
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_mesh_without_edges_is_told_before_another_is_prepared(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path, jobs: str
+) -> None:
+    flat, ball = tmp_path / "flat.obj", tmp_path / "ball.ply"
+    flat.write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nv 30 30 0\nf 1 2 3\nf 2 4 3\n")
+    trimesh.creation.icosphere(subdivisions=3, radius=20.0).export(ball)
+    for bad, told in ((flat, "all faces lie in one plane"), (ball, "no two faces meet at more than 25 degrees")):
+        assert_one_error(prepare(capsys, tmp_path / "parts", mesh, bad, "--jobs", jobs), f"error: {bad}: ", told)
+        assert not (tmp_path / "parts").exists()
+
+
 def test_models_info_beside_the_mesh_counts(tmp_path: Path) -> None:
     turn = [[-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]]
     write_models(tmp_path, {3: {"symmetries_discrete": turn}})
