@@ -21,6 +21,7 @@ from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
 from acp_lab.detection.view_templates import SUBDIVISIONS, make_views
 from acp_lab.errors import PreparationError, check_kind
 from acp_lab.files import write_whole
+from acp_lab.generator.device import torch_device
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.generator.templates import build_templates
@@ -62,17 +63,25 @@ def prepare(
         progress: called with (stage, done, total).
 
     Raises:
-        PreparationError: the folder holds another mesh of that name, or the name is no folder's.
+        PreparationError: the folder holds another mesh of that name, the name is no folder's, or there is no GPU
+            where one was asked for.
         PartError: the mesh has no edges.
         InputFileError: a file cannot be written, or another program is preparing a part of that name there.
     """
     check_kind(part, Part, "part", "acp.Part.from_file('bracket.ply')")
     options = options or PrepareOptions()
+    check_device(options)  # before anything is stored: a refusal leaves no trace
     if out is None:
         return _prepare(part, options, None, progress)
     folder = part_folder(Path(out), part.name)
     with only_writer(folder, "this part"):
         return _prepare(part, options, folder, progress)
+
+
+def check_device(options: PrepareOptions) -> None:
+    """PreparationError where the auto-encoder is to be trained on a GPU that this machine lacks."""
+    if options.generator == "autoencoder" and options.device == "cuda":  # the others are never refused, nor need torch
+        torch_device(options.device)
 
 
 def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress: Progress | None) -> PreparedPart:

@@ -122,45 +122,24 @@ def sample_edges(
     Raises:
         PartError: the mesh is flat, or has no edge that could be seen (every one is shared by three faces or more).
     """
-    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    found = _mesh_edges(part, crease_angle_deg)
     spacing = part.diameter / 160.0 if spacing_mm is None else spacing_mm
-    face_normals = np.asarray(mesh.face_normals, dtype=np.float64)
-    if np.ptp(part.vertices @ face_normals[0]) < 1e-6 * part.diameter:
-        raise PartError(f"{part.path or part.name}: all faces lie in one plane; export the part as a closed solid")
-    pairs = np.asarray(mesh.face_adjacency)
-    angle_deg = np.degrees(np.asarray(mesh.face_adjacency_angles))
-    convex = np.asarray(mesh.face_adjacency_convex)
-    vertex_pairs = np.asarray(mesh.face_adjacency_edges)
-    crease = angle_deg > crease_angle_deg
-    # A concave fold hides its own silhouette, so smooth edges count only where they bulge.
-    smooth = (angle_deg > FLAT_ANGLE_DEG) & ~crease & convex
-
-    rim_vertices, rim_faces = _open_rims(mesh)
-    del mesh  # what it has worked out of a million faces is hundreds of MB
-    spacing = _affordable(part, [vertex_pairs[crease], rim_vertices], spacing, spacing_mm is None, max_crease_samples)
+    creases_and_rims = [found.vertex_pairs[found.crease], found.rim_vertices]
+    spacing = _affordable(part, creases_and_rims, spacing, spacing_mm is None, max_crease_samples)
 
     # Normals and flags are looked up for the samples alone: for all edges they would be most of the memory.
     groups = []
-    for chosen, limit in ((crease, None), (smooth, max_smooth_samples)):
+    for chosen, limit in ((found.crease, None), (found.smooth, max_smooth_samples)):
         if chosen.any():
-            points, tangents, edge = _sample_group(part.vertices, vertex_pairs[chosen], spacing, limit)
+            points, tangents, edge = _sample_group(part.vertices, found.vertex_pairs[chosen], spacing, limit)
             row = np.flatnonzero(chosen)[edge]
-            groups.append((points, tangents, face_normals[pairs[row]], crease[row], convex[row]))
-    if len(rim_vertices):
-        points, tangents, edge = _sample_group(part.vertices, rim_vertices, spacing, None)
-        outward = face_normals[rim_faces[edge]]
+            normals = found.face_normals[found.face_pairs[row]]
+            groups.append((points, tangents, normals, found.crease[row], found.convex[row]))
+    if len(found.rim_vertices):
+        points, tangents, edge = _sample_group(part.vertices, found.rim_vertices, spacing, None)
+        outward = found.face_normals[found.rim_faces[edge]]
         always = np.ones(len(edge), bool)
         groups.append((points, tangents, np.stack([outward, -outward], 1), always, always))
-    if groups and not crease.any() and len(rim_vertices) == 0:
-        raise PartError(
-            f"{part.path or part.name}: the mesh has no edges to track (no two faces meet at more than "
-            f"{crease_angle_deg:g} degrees); a smooth body's outline alone does not fix its pose"
-        )
-    if not groups:
-        raise PartError(
-            f"{part.path or part.name}: the mesh has no edges to track (each is shared by three faces or more); "
-            "export the part as a closed solid, once"
-        )
     columns = [np.concatenate(column) for column in zip(*groups, strict=True)]
     points, tangents, normal_pairs, is_crease, is_convex = columns
     # Golden-ratio order: any prefix of it is spread evenly along the edges, and it never changes from
@@ -174,6 +153,11 @@ def sample_edges(
         is_convex[order],
         float(spacing),
     )
+
+
+def check_has_edges(part: Part) -> None:
+    """PartError for a part that `sample_edges` refuses, without sampling it."""
+    _mesh_edges(part, CREASE_ANGLE_DEG)
 
 
 def facing(edges: EdgeSamples, eye_obj: np.ndarray) -> Facing:
@@ -235,6 +219,52 @@ def visible_samples(edges: EdgeSamples, caster: RayCaster, eye_obj: np.ndarray, 
     rows = np.flatnonzero(shows)
     visible[rows] = unoccluded(edges.take(rows), caster, eye_obj, offset_mm)
     return visible
+
+
+@dataclass(frozen=True)
+class _MeshEdges:
+    """The edges of a mesh: (n,) those between two faces, and (k,) the open rims.
+
+    vertex_pairs, face_pairs (n, 2): ids. crease, smooth, convex (n,) bool. rim_vertices (k, 2), rim_faces (k,): ids.
+    face_normals (m, 3).
+    """
+
+    face_normals: np.ndarray
+    vertex_pairs: np.ndarray
+    face_pairs: np.ndarray
+    crease: np.ndarray
+    smooth: np.ndarray
+    convex: np.ndarray
+    rim_vertices: np.ndarray
+    rim_faces: np.ndarray
+
+
+def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
+    """The edges of a part's mesh; PartError as `sample_edges`."""
+    # It goes when this returns: what it has worked out of a million faces is hundreds of MB.
+    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    face_normals = np.asarray(mesh.face_normals, dtype=np.float64)
+    if np.ptp(part.vertices @ face_normals[0]) < 1e-6 * part.diameter:
+        raise PartError(f"{part.path or part.name}: all faces lie in one plane; export the part as a closed solid")
+    angle_deg = np.degrees(np.asarray(mesh.face_adjacency_angles))
+    convex = np.asarray(mesh.face_adjacency_convex)
+    crease = angle_deg > crease_angle_deg
+    # A concave fold hides its own silhouette, so smooth edges count only where they bulge.
+    smooth = (angle_deg > FLAT_ANGLE_DEG) & ~crease & convex
+    rim_vertices, rim_faces = _open_rims(mesh)
+    has_rims = len(rim_vertices) > 0
+    if smooth.any() and not crease.any() and not has_rims:
+        raise PartError(
+            f"{part.path or part.name}: the mesh has no edges to track (no two faces meet at more than "
+            f"{crease_angle_deg:g} degrees); a smooth body's outline alone does not fix its pose"
+        )
+    if not (smooth.any() or crease.any() or has_rims):
+        raise PartError(
+            f"{part.path or part.name}: the mesh has no edges to track (each is shared by three faces or more); "
+            "export the part as a closed solid, once"
+        )
+    vertex_pairs, face_pairs = np.asarray(mesh.face_adjacency_edges), np.asarray(mesh.face_adjacency)
+    return _MeshEdges(face_normals, vertex_pairs, face_pairs, crease, smooth, convex, rim_vertices, rim_faces)
 
 
 def _open_rims(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:

@@ -50,8 +50,9 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
         near, far = DetectionConfig().depth_mm
         raise SequenceError(
             f"--init auto: object {_listed(missing)} is not found in the first {frames} frames of {sequence.name}, "
-            f"{near:g} to {far:g} mm from the camera: give start poses by --init, which notebook 10 sets with the "
-            "mouse, or look at what acp-lab detect finds, elsewhere by --depth-mm"
+            f"{near:g} to {far:g} mm from the camera: give start poses by --init, a results file or for a video a "
+            "POSE.json, which notebook 10 sets with the mouse, or look at what acp-lab detect finds, elsewhere by "
+            "--depth-mm"
         )
     return starts
 

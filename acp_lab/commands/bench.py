@@ -18,9 +18,11 @@ if TYPE_CHECKING:
 
 MOST_SEEDS = 1000
 NOTHING_TO_COMPARE = "no frame but the first has truth: nothing to compare: add truth to scene_gt.json"
+_NOTHING_LEFT = "no frame that was tracked has truth but the first: add truth to scene_gt.json, or give smaller --steps"
 _REPLAY_MB = 30.0
 # Per method and per page: a page should open at once.
 _MOST_THUMBNAILS, _MOST_REPLAYS = 3, 8
+
 
 @dataclass(frozen=True)
 class BenchOptions:
@@ -112,6 +114,8 @@ def run_bench(options: BenchOptions) -> None:
     sequences = {name: _sequences(root, options.split) for name, root in roots.items()}
     if not any(_has_later_truth(root, options.split) for root in roots.values()):  # before parts take minutes
         raise InputFileError(f"{next(iter(roots.values()))}: {NOTHING_TO_COMPARE}")
+    if methods:
+        _check_steps(_whole_numbers(options.steps), roots, options.split)
     parts = options.parts or options.out / "parts"
     with only_writer(options.out / "bench.csv", "this bench"):
         spread = Spread(options.jobs, options.scheduler)
@@ -120,7 +124,7 @@ def run_bench(options: BenchOptions) -> None:
         tasks = _tasks(roots, sequences, methods, variants, parts, options.split)
         runs = _run(tasks, options) + outside
         if not any(len(run.frame_ids) for run in runs):
-            raise InputFileError(f"{next(iter(roots.values()))}: {NOTHING_TO_COMPARE}")
+            raise InputFileError(f"{next(iter(roots.values()))}: {_NOTHING_LEFT}")
         report = Report.of(runs, f"{cpu_model()}, {cores()} cores; one thread per run")
         report.write(options.out, options.results_from)
         _write_page(report, roots, tasks, options)
@@ -150,6 +154,23 @@ def _has_later_truth(root: Path, split: str) -> bool:
         for truth in instances
         for frame_id in list(image_files(folder))[1:]
     )
+
+
+def _check_steps(steps: Sequence[int], roots: dict[str, Path], split: str) -> None:
+    """ParameterError for a step that leads beyond the end of every scene."""
+    from acp_lab.sequences.bop import BopDataset, image_files
+
+    longest = {}
+    for name, root in roots.items():
+        dataset = BopDataset(root)
+        longest[name] = max(len(image_files(dataset.scene_folder(i, split))) for i in dataset.scenes(split))
+    name = max(longest, key=longest.__getitem__)
+    for step in steps:
+        if step >= longest[name]:
+            raise ParameterError(
+                f"--steps {step}: {name} has {longest[name]} images in its longest scene: give at most "
+                f"{longest[name] - 1}"
+            )
 
 
 def _check_names(methods: Sequence[Method | str], outside: list[Run]) -> None:

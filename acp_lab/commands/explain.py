@@ -97,7 +97,8 @@ def _verdict(run: TrackRun, object_id: int) -> str:
     else:
         told += (
             f", start again there: acp-lab track … --first-frame {results[lost].frame_id}, with --init auto, or with a "
-            "pose for that image, which notebook 10 sets with the mouse."
+            "pose for that image: a row of a results file, or for a video a POSE.json, which notebook 10 sets with the "
+            "mouse."
         )
     searches = [result for result in results[first:found] if result.sought is not None]
     if searches:

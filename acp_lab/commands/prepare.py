@@ -17,13 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from acp_lab.bench.workers import each
+from acp_lab.cad.edges import check_has_edges
 from acp_lab.cad.models_info import read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.commands import interrupt
 from acp_lab.commands.console import Progress, warn
 from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import InputFileError, PreparationError
-from acp_lab.preparation import prepare
+from acp_lab.preparation import check_device, prepare
 from acp_lab.prepared_part import PrepareOptions, part_folder, read_header
 
 
@@ -46,18 +47,23 @@ def prepare_parts(
 ) -> None:  # fmt: skip
     """Prepare every mesh into a folder of `out` named after its file, and print one line for each.
 
-    All meshes are read before the first is prepared, so that a bad one costs no time. unit: of their numbers.
+    All meshes are read, and looked at for edges, before the first is prepared, so that a bad one costs no time. unit:
+    of their numbers.
 
     Raises:
         InputFileError: a mesh that cannot be read, two of the same name, or `out` is a file.
-        PreparationError: the part was prepared before in another unit.
+        PartError: a mesh without edges that could be tracked, such as a flat one.
+        PreparationError: the part was prepared before in another unit, or there is no GPU where one was asked for.
         ParameterError: `spread` makes no sense, or no scheduler answers.
     """
     _check_places(meshes, out)
+    if options is not None and spread.scheduler is None:  # the machines of a cluster know their own devices
+        check_device(options)
     interrupt.check()
     parts = [read_part(mesh, unit) for mesh in dict.fromkeys(meshes)]
     for part in parts:
         _check_size_there(part, part_folder(out, part.name), options is None or options.resume)
+        check_has_edges(part)
     for part in parts:
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
@@ -72,9 +78,7 @@ def prepare_parts(
     importlib.import_module("acp_lab.tracking.tracker")
 
 
-def _prepare_elsewhere(
-    meshes: Sequence[Path], out: Path, options: PrepareOptions, unit: str, spread: Spread
-) -> None:
+def _prepare_elsewhere(meshes: Sequence[Path], out: Path, options: PrepareOptions, unit: str, spread: Spread) -> None:
     job = {"out": os.path.abspath(out), "options": asdict(options), "unit": unit, "threads": spread.threads}
     asked = {str(mesh): json.dumps({**job, "mesh": os.path.abspath(mesh)}) for mesh in dict.fromkeys(meshes)}
     with Progress() as progress:

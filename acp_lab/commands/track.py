@@ -86,6 +86,11 @@ class TrackOptions:
         if self.video is None:
             why = "only goes with a video or a folder of images, given as --video"
             self._refuse(why, mesh=self.mesh, camera=self.camera)
+            if Path(self.init or "").suffix.lower() == ".json":
+                raise AcpLabError(
+                    f"--init {self.init}: a POSE.json only goes with --video: for a data set give a results file, or "
+                    "--init auto"
+                )
         else:
             self._check_video(self.video)
         self._check_outputs()
@@ -177,7 +182,7 @@ class PartShelf:
             loaded = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
             if loaded.lacks:
                 console.warn(
-                    f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.prepare_command}"
+                    f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.mend_command}"
                 )
             self._loaded[mesh] = loaded
         return self._loaded[mesh]

@@ -22,6 +22,7 @@ from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.machine import short_collections
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
@@ -296,10 +297,19 @@ def _follow(
             follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
     except TrackingError as error:
         # Nothing but a start is refused.
-        if options.init in (None, "gt", "auto"):
-            raise
-        raise TrackingError(f"{options.init}: {error}") from None
+        raise TrackingError(f"{_start_source(job, options)}: {error}") from None
     return seen.objects
+
+
+def _start_source(job: SceneJob, options: TrackOptions) -> str:
+    """Where the start poses of a scene come from, for an error about one of them."""
+    if options.init == "auto":
+        return f"--init auto: scene {job.sequence.scene_id}"
+    if options.init not in (None, "gt"):
+        return str(options.init)
+    if isinstance(job.sequence, BopScene):
+        return f"{job.sequence.folder / 'scene_gt.json'}: image {job.sequence.frame_ids[0]}"
+    return str(options.out)  # --resume goes on from its last row
 
 
 def _replay(options: TrackOptions, path: Path, jobs: Sequence[SceneJob]) -> Replay:

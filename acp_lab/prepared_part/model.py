@@ -93,6 +93,24 @@ class PreparedPart:
     @property
     def lacks(self) -> str:
         """What was asked for and is not there, as after an interrupted `prepare`, in words; empty for a whole part."""
+        return " and ".join(
+            f"{what} of view regions {', '.join(map(str, sorted(regions)))}" for what, regions in self._lacking.items()
+        )
+
+    @property
+    def mend_command(self) -> str:
+        """What to run so that it lacks nothing.
+
+        Auto-encoders are asked for as they were: for other settings, those that are there would be trained anew.
+        """
+        commands = [] if set(self._lacking) == {"auto-encoders"} else [self.prepare_command]
+        if "auto-encoders" in self._lacking:
+            commands.append(f"{self.prepare_command} {self.options['autoencoder'].command_words}")
+        return " && ".join([commands[0], *(command.removeprefix("run: ") for command in commands[1:])])
+
+    @property
+    def _lacking(self) -> dict[str, set[int]]:
+        """The view regions that lack what was asked for, by what it is."""
         lacking: dict[str, set[int]] = {}
         for options in self.options.values():
             trained, what = self.networks.regions, "visibility networks"
@@ -101,11 +119,7 @@ class PreparedPart:
             elif options.generator == "templates" or options.seed != self.seed:  # networks of another seed are replaced
                 continue
             lacking.setdefault(what, set()).update(set(options.wanted_regions).difference(trained))
-        return " and ".join(
-            f"{what} of view regions {', '.join(map(str, sorted(regions)))}"
-            for what, regions in lacking.items()
-            if regions
-        )
+        return {what: regions for what, regions in lacking.items() if regions}
 
     def best_generator(self) -> RigidGenerator:
         """The learned generator, else the templates.

@@ -79,6 +79,22 @@ class PrepareOptions:
         """The view regions to train, ascending."""
         return tuple(range(REGION_COUNT)) if self.regions is None else self.regions
 
+    @property
+    def command_words(self) -> str:
+        """The options of `acp-lab prepare` that ask for the same, but for the device, which depends on the machine."""
+        regions = None if self.regions is None else ",".join(map(str, self.regions))
+        values = {
+            "--generator": (self.generator, "both"),
+            "--regions": (regions, None),
+            "--edge-break": (self.edge_break_mm, None),
+            "--edges": (self.edge_source, "analytic"),
+            "--painting-frame": (self.painting_frame, "pose"),
+            "--painting-px": (self.painting_px, None),
+            "--seed": (self.seed, 0),
+        }
+        words = [f"{option} {value}" for option, (value, default) in values.items() if value != default]
+        return " ".join([*words, "--fast"] if self.fast else words)
+
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> PrepareOptions:
         """The inverse of dataclasses.asdict; raises TypeError or PreparationError for anything else."""

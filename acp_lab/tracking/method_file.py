@@ -40,9 +40,10 @@ def read_method(path: str | Path) -> Method:
     """
     path = Path(path)
     try:
-        text = read_bytes(path, "check --config", "method file").decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputFileError(f"{path}: is no TOML ({error}): fix it") from None
+        # Editors on Windows begin a file with a byte order mark, which TOML does not know.
+        text = read_bytes(path, "check --config", "method file").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputFileError(f"{path}: no text in UTF-8: save it as UTF-8") from None
     return method_from_toml(text, str(path), path.stem)
 
 

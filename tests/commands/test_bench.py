@@ -162,6 +162,26 @@ def test_truth_of_the_first_frame_alone_is_told_before_parts_are_prepared(
     assert not (tmp_path / "bench").exists()
 
 
+@pytest.mark.parametrize("steps", ["5", "1,5"])
+def test_steps_beyond_the_end_are_told_before_parts_are_prepared(
+    capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path, steps: str
+) -> None:
+    words = ("bench", dataset, "--methods", "acp", "--out", tmp_path / "bench", "--steps", steps)
+    told = "error: --steps 5: data has 5 images in its longest scene: give at most 4\n"
+    assert_one_error(run(capsys, *words), told)
+    assert not (tmp_path / "bench").exists()
+
+
+def test_steps_that_leave_out_every_frame_with_truth(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    truth = dataset / "test" / "000001" / "scene_gt.json"
+    edit_json(truth, lambda poses: [poses.pop(str(frame_id)) for frame_id in FRAME_IDS[2:]])
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", tmp_path / "out", "--jobs", "1")
+    told = "no frame that was tracked has truth but the first", "or give smaller --steps"
+    assert_one_error(run(capsys, *words, "--steps", "2"), dataset, *told)
+
+
 def test_a_name_that_is_a_method_and_a_file(
     capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
 ) -> None:

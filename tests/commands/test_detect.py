@@ -134,7 +134,7 @@ def test_track_finds_nothing(
     for path in (root / "test/000001/rgb").iterdir():
         assert cv2.imwrite(str(path), np.full((512, 640, 3), 90, np.uint8))
     outcome = run(capsys, "track", root, "--parts", sample_parts, "--out", tmp_path / "r.csv", "--init", "auto")
-    told = "--init auto: object 1 is not found in the first 4 frames", "250 to 1200 mm", "acp-lab detect"
+    told = "--init auto: object 1 is not found in the first 4 frames", "250 to 1200 mm", "a results file or"
     assert_one_error(outcome, *told)
 
 

@@ -51,6 +51,7 @@ def test_a_loss_says_where_to_start_again(capsys: pytest.CaptureFixture[str], re
         f"lost since frame {LOSS} (image {LOSS}) of 40, start again there: acp-lab track … --first-frame {LOSS}"
         in first
     )
+    assert "a row of a results file, or for a video a POSE.json, which notebook 10 sets" in first
     assert second.startswith(f"Frame {LOSS} (image {LOSS}), object 1: weak, quality 0.05, 0.55 in the good frames")
     picture = results.with_name(f"results.frame{LOSS}.png")
     assert picture.read_bytes()[:4] == b"\x89PNG"

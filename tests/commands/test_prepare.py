@@ -12,9 +12,11 @@ import trimesh
 from acp_lab.commands import machine
 from acp_lab.commands.prepare import read_part
 from acp_lab.control_points.regression import RegressionConfig
+from acp_lab.errors import PreparationError
 from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
-from acp_lab.prepared_part import PreparedPart
+from acp_lab.preparation import prepare as prepare_part
+from acp_lab.prepared_part import PreparedPart, PrepareOptions
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import edit_json
 from tests.sequences.tiny_dataset import write_box, write_models
@@ -79,6 +81,23 @@ def test_the_papers_generator(
     made = json.loads((folder / "part.json").read_text())["generators"]
     assert "'source': 'normals'" in made["autoencoder"]["training"]
     assert "'outline_inset_mm': 0.0" in made["autoencoder"]["training"]
+
+
+@pytest.mark.parametrize("resume", ["--resume", "--no-resume"])
+def test_a_device_that_is_not_there_leaves_a_part_as_it_was(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path, monkeypatch: pytest.MonkeyPatch, resume: str
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    assert prepare(capsys, tmp_path / "parts", mesh).status == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "parts" / "block").iterdir()}
+    mesh.with_name("open.obj").write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 2 3\nf 1 2 4\n")
+    words = ("--generator", "autoencoder", "--device", "cuda", resume)
+    outcome = run(capsys, "prepare", mesh, mesh.with_name("open.obj"), "--out", tmp_path / "parts", *words)
+    assert_one_error(outcome, "--device cuda: torch finds no GPU on this machine: give --device cpu, or auto")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "parts" / "block").iterdir()} == before
+    with pytest.raises(PreparationError, match="--device cuda"):
+        prepare_part(read_part(mesh), PrepareOptions("autoencoder", device="cuda"), out=tmp_path / "parts")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "parts" / "block").iterdir()} == before
 
 
 def test_several_meshes(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
@@ -198,6 +217,18 @@ def test_mesh_without_faces(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     path = tmp_path / "points.obj"
     path.write_text("v 0 0 0\nv 10 0 0\nv 0 10 0\n")
     assert_one_error(prepare(capsys, tmp_path / "parts", path), "points.obj")
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_mesh_without_edges_is_told_before_another_is_prepared(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path, jobs: str
+) -> None:
+    flat, ball = tmp_path / "flat.obj", tmp_path / "ball.ply"
+    flat.write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nv 30 30 0\nf 1 2 3\nf 2 4 3\n")
+    trimesh.creation.icosphere(subdivisions=3, radius=20.0).export(ball)
+    for bad, told in ((flat, "all faces lie in one plane"), (ball, "no two faces meet at more than 25 degrees")):
+        assert_one_error(prepare(capsys, tmp_path / "parts", mesh, bad, "--jobs", jobs), f"error: {bad}: ", told)
+        assert not (tmp_path / "parts").exists()
 
 
 def test_models_info_beside_the_mesh_counts(tmp_path: Path) -> None:

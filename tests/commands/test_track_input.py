@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.sequences import write_pose
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
 from tests.sequences.tiny_dataset import write_json
@@ -196,6 +197,16 @@ def test_a_start_out_of_sight_in_a_later_scene(
     assert_one_error(outcome, *told)
 
 
+@pytest.mark.parametrize("name", ["POSE.json", "missing.JSON"])
+def test_a_pose_of_a_video_is_no_start_of_a_data_set(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, tmp_path: Path, name: str
+) -> None:
+    write_pose(tmp_path / "POSE.json", true_pose(0))
+    outcome = track(capsys, dataset, parts, out, "--init", tmp_path / name)
+    told = f"--init {tmp_path / name}: a POSE.json only goes with --video: for a data set give a results file, or"
+    assert_one_error(outcome, f"{told} --init auto\n")
+
+
 def test_outputs_that_would_overwrite_something(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path
 ) -> None:
@@ -313,5 +324,7 @@ def test_a_start_pose_that_does_not_show_the_part(
 
     edit_json(dataset / "test" / "000001" / "scene_gt.json", move_away)
     (tmp_path / "old.rrd").write_text(OLD_REPLAY)
-    assert_one_error(track(capsys, dataset, parts, out, "--replay", tmp_path / "old.rrd"), "start pose")
+    refused = track(capsys, dataset, parts, out, "--replay", tmp_path / "old.rrd")
+    told = f"{dataset / 'test' / '000001' / 'scene_gt.json'}: image 0: obj_000001: at the start pose t = [5000.0"
+    assert_one_error(refused, f"error: {told}")
     assert (tmp_path / "old.rrd").read_text() == OLD_REPLAY

@@ -276,6 +276,20 @@ def test_the_command_for_what_a_part_lacks_names_where_it_was_loaded_from(model:
     assert str(caught.value).endswith(f"run: acp-lab prepare MESH --out {tmp_path} --generator autoencoder")
 
 
+def test_the_command_that_mends_a_part_asks_for_what_it_lacks(model: PreparedPart) -> None:
+    command = "acp-lab prepare MESH --out PARTS_DIR"
+    wanted = PrepareOptions("autoencoder", fast=True, regions=(1, 2), device="cuda")
+    half_painted = replace(painted(model), options={"autoencoder": wanted})
+    assert half_painted.lacks == "auto-encoders of view regions 2"
+    assert half_painted.mend_command == f"run: {command} --generator autoencoder --regions 1,2 --fast"
+    networks = PrepareOptions("both", regions=(1,), seed=model.seed)
+    neither = replace(half_painted, options={"both": networks, "autoencoder": wanted})
+    assert neither.lacks == "visibility networks of view regions 1 and auto-encoders of view regions 2"
+    assert neither.mend_command == f"run: {command} && {command} --generator autoencoder --regions 1,2 --fast"
+    whole = replace(half_painted, options={"autoencoder": replace(wanted, regions=(1, 3))})
+    assert (whole.lacks, whole.mend_command) == ("", f"run: {command}")
+
+
 @pytest.mark.parametrize("damage", ["no file", "cut", "another format", "no points", "a report lacks a number"])
 def test_a_damaged_auto_encoder_is_told(model: PreparedPart, tmp_path: Path, damage: str) -> None:
     folder = tmp_path / "bracket"

@@ -33,6 +33,23 @@ def test_bad_wishes_are_refused(wish: dict[str, Any], message: str) -> None:
         PrepareOptions(**wish)
 
 
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        ({}, ""),
+        ({"generator": "learned", "regions": (3, 0), "seed": 5}, "--generator learned --regions 0,3 --seed 5"),
+        ({"edge_break_mm": 0.3, "fast": True, "resume": False}, "--edge-break 0.3 --fast"),
+        (
+            {"edge_source": "normals", "painting_frame": "prediction", "painting_px": 128, "device": "cuda"},
+            "--edges normals --painting-frame prediction --painting-px 128",
+        ),
+    ],
+    ids=str,
+)
+def test_options_as_words_of_the_command_line(wish: dict[str, Any], words: str) -> None:
+    assert PrepareOptions(**wish).command_words == words
+
+
 def test_regions_are_wanted_once_each_in_ascending_order() -> None:
     assert PrepareOptions(regions=(4, 0, 4)).wanted_regions == (0, 4)
     assert PrepareOptions(regions=(4, 0, 4)) == PrepareOptions(regions=(0, 4))

@@ -212,8 +212,17 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="cannot be read"):
         read_method(tmp_path)
     (tmp_path / "noise.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputFileError, match="is no TOML"):
+    with pytest.raises(InputFileError, match=r"noise\.toml: no text in UTF-8: save it as UTF-8"):
         read_method(tmp_path / "noise.toml")
+
+
+def test_a_byte_order_mark_is_read_over(tmp_path: Path) -> None:
+    path = tmp_path / "windows.toml"
+    path.write_text('base = "acp"\nmargin_px = 12.5\n', encoding="utf-8-sig")
+    assert read_method(path) == replace(ACP, name="windows", margin_px=12.5)
+    path.write_text('base = "acp"\n', encoding="utf-16")
+    with pytest.raises(InputFileError, match=r"windows\.toml: no text in UTF-8: save it as UTF-8"):
+        read_method(path)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes in folders")
