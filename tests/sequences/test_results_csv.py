@@ -58,7 +58,7 @@ def test_numbers_read_back(
 
 def test_rows_are_there_as_soon_as_they_are_written(tmp_path: Path) -> None:
     path = tmp_path / "results.csv"
-    path.write_text("of an older run")
+    path.write_text(HEADER + "\nof an older run\n")
     results = ResultsWriter(path, {"method": "acp"})
     assert path.read_text() == HEADER + "\n"
     results.append(_row(0))
