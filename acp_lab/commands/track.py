@@ -309,13 +309,15 @@ def _check_in_sight(scene: BopScene, job: SceneJob, init: str | None) -> None:
     from acp_lab.tracking.frame_view import crop_box
 
     first = job.sequence.frame_ids[0]
+    told_by = f"{init}: scene {scene.scene_id}"
+    if init in (None, "gt"):
+        told_by = str(scene.folder / "scene_gt.json")
     for object_id, pose in job.starts.items():
-        if crop_box(box_corners(job.models[object_id].part), pose, scene.camera(first), 0.0) is None:
-            told_by = scene.folder / "scene_gt.json" if init in (None, "gt") else init
-            at = ", ".join(f"{value:.1f}" for value in pose[:3, 3])
+        part = job.models[object_id].part
+        if crop_box(box_corners(part), pose, scene.camera(first), 0.0) is None:
             raise TrackingError(
-                f"{told_by}: scene {scene.scene_id}, image {first}, object {object_id}: at the start pose, t = {at} "
-                "mm, the part is behind the camera or outside the image: check pose, unit and camera"
+                f"{told_by}: image {first}: {part.name}: at the start pose t = {pose[:3, 3].round(1).tolist()} mm the "
+                "part is behind the camera or outside the image; check pose, unit and camera"
             )
 
 
