@@ -41,7 +41,7 @@ def test_a_camera_is_followed_in_the_page(lab: Lab) -> None:
     shown, tracked = canvas.evaluate(pictures) - before, np.asarray(lab.value("len(window.loop.rows)")) - tracked
     print(f"live: {shown / 3.0:.1f} pictures per second, {tracked / 3.0:.1f} frames tracked")
     # More than twenty a second are tracked, not shown; a busy machine tracks fewer, and a page that hangs shows none.
-    assert shown > 0.4 * min(tracked, 60)
+    assert shown > 0.2 * min(tracked, 60)
     lab.shot("live_following")
     for dark in (True, False):
         lab.theme(dark)
