@@ -22,7 +22,7 @@ machine.limit_threads(1)
 import numpy as np  # noqa: E402
 
 METHODS = ("acp", "region", "slet")
-RENDERED_FRAMES = 40
+RENDERED_FRAMES = 4
 UNITS = {
     "cpu_s": "CPU seconds",
     "per_frame_ms": "CPU milliseconds per frame of a whole run: opening, decoding, tracking, scoring",

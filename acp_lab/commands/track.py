@@ -208,7 +208,7 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
         chosen = _chosen(options.objects, poses)
         if chosen:
             job = _job(options, sequence, _meshes(dataset, chosen), chosen, shelf)
-            _check_in_sight(scene, job, options.init)
+            _check_in_sight(scene, job, options)
             jobs.append(job)
     _check_all_found(options.objects, starts)
     return tuple(jobs)
@@ -303,21 +303,32 @@ def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatAr
     return starts
 
 
-def _check_in_sight(scene: BopScene, job: SceneJob, init: str | None) -> None:
+def start_source(job: SceneJob, options: TrackOptions) -> str:
+    """Where the start poses of a scene come from, for an error about one of them."""
+    from acp_lab.sequences.bop import BopScene
+
+    if options.init == "auto":
+        return f"--init auto: scene {job.sequence.scene_id}"
+    if options.init not in (None, "gt"):
+        scene = f": scene {job.sequence.scene_id}, image {job.sequence.frame_ids[0]}" if options.video is None else ""
+        return f"{options.init}{scene}"
+    if isinstance(job.sequence, BopScene):
+        return f"{job.sequence.folder / 'scene_gt.json'}: image {job.sequence.frame_ids[0]}"
+    return str(options.out)  # --resume goes on from its last row
+
+
+def _check_in_sight(scene: BopScene, job: SceneJob, options: TrackOptions) -> None:
     """TrackingError for a start pose from which the part cannot be seen: else earlier scenes were tracked in vain."""
     from acp_lab.cad.part import box_corners
     from acp_lab.tracking.frame_view import crop_box
 
-    first = job.sequence.frame_ids[0]
-    told_by = f"{init}: scene {scene.scene_id}"
-    if init in (None, "gt"):
-        told_by = str(scene.folder / "scene_gt.json")
+    camera = scene.camera(job.sequence.frame_ids[0])
     for object_id, pose in job.starts.items():
         part = job.models[object_id].part
-        if crop_box(box_corners(part), pose, scene.camera(first), 0.0) is None:
+        if crop_box(box_corners(part), pose, camera, 0.0) is None:
             raise TrackingError(
-                f"{told_by}: image {first}: {part.name}: at the start pose t = {pose[:3, 3].round(1).tolist()} mm the "
-                "part is behind the camera or outside the image; check pose, unit and camera"
+                f"{start_source(job, options)}: {part.name}: at the start pose t = {pose[:3, 3].round(1).tolist()} mm "
+                "the part is behind the camera or outside the image; check pose, unit and camera"
             )
 
 

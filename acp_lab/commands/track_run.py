@@ -17,12 +17,11 @@ from typing import TYPE_CHECKING, Any
 from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
 from acp_lab.commands.resume import Resumption, inputs_of, resumption
-from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs
+from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs, start_source
 from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.machine import short_collections
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.bop import BopScene
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
@@ -297,19 +296,8 @@ def _follow(
             follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
     except TrackingError as error:
         # Nothing but a start is refused.
-        raise TrackingError(f"{_start_source(job, options)}: {error}") from None
+        raise TrackingError(f"{start_source(job, options)}: {error}") from None
     return seen.objects
-
-
-def _start_source(job: SceneJob, options: TrackOptions) -> str:
-    """Where the start poses of a scene come from, for an error about one of them."""
-    if options.init == "auto":
-        return f"--init auto: scene {job.sequence.scene_id}"
-    if options.init not in (None, "gt"):
-        return str(options.init)
-    if isinstance(job.sequence, BopScene):
-        return f"{job.sequence.folder / 'scene_gt.json'}: image {job.sequence.frame_ids[0]}"
-    return str(options.out)  # --resume goes on from its last row
 
 
 def _replay(options: TrackOptions, path: Path, jobs: Sequence[SceneJob]) -> Replay:

@@ -60,7 +60,8 @@ class SharedErrors:
     def correlation(self) -> FloatArray:
         """(3,) correlation of the two's errors along the camera's x, y and z; NaN where one of them never varies."""
         pairs = zip(self.first_mm.T, self.second_mm.T, strict=True)
-        return np.array([_correlation(first, second) for first, second in pairs])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.array([np.corrcoef(first, second)[0, 1] for first, second in pairs])
 
     @property
     def first_lead(self) -> FloatArray:
@@ -93,23 +94,21 @@ def shared_errors(
         raise ParameterError(f"{part.name}: {len(frames)} frames have a true pose and one of each tracker: give three")
     metric = PartMetric(part)
 
-    def centres(poses: Mapping[int, FloatArray], numbers: list[int]) -> FloatArray:
-        unknown = np.full(3, np.nan)
-        return np.array([transform(poses[k], part.box_centre) if k in poses else unknown for k in numbers])
+    def centres(poses: Mapping[int, FloatArray]) -> FloatArray:
+        return np.array([transform(poses[k], part.box_centre) for k in frames])
 
     def errors(of: Mapping[int, FloatArray], beside: Mapping[int, FloatArray]) -> FloatArray:
         return np.array([metric.share(of[k], beside[k]) for k in frames])
 
-    before, after = (centres(truth, [k + step for k in frames]) for step in (-1, 1))
-    true_places = centres(truth, frames)
+    true_places = centres(truth)
     return SharedErrors(
         np.array(frames),
         errors(first, truth),
         errors(second, truth),
         errors(first, second),
-        centres(first, frames) - true_places,
-        centres(second, frames) - true_places,
-        (after - before) / 2.0,
+        centres(first) - true_places,
+        centres(second) - true_places,
+        np.array([_motion_mm(truth, k, part) for k in frames]),
     )
 
 
@@ -117,10 +116,10 @@ def shifted_in_depth(poses: Mapping[int, FloatArray], shift: DepthShift, part: P
     """Poses (4, 4) by frame number, shifted in depth; frames whose neighbours are unknown are left out."""
     shifted = {}
     for number, pose in poses.items():
-        if number - 1 in poses and number + 1 in poses:
-            before, after = (transform(poses[number + step], part.box_centre)[2] for step in (-1, 1))
+        depth_mm = _motion_mm(poses, number, part)[2]
+        if np.isfinite(depth_mm):
             shifted[number] = pose.copy()
-            shifted[number][2, 3] += shift.offset_mm + shift.frames * (after - before) / 2.0
+            shifted[number][2, 3] += shift.offset_mm + shift.frames * depth_mm
     return shifted
 
 
@@ -130,10 +129,12 @@ def joined(studies: list[SharedErrors]) -> SharedErrors:
     return SharedErrors(*(np.concatenate([getattr(study, name) for study in studies]) for name in names))
 
 
-def _correlation(first: FloatArray, second: FloatArray) -> float:
-    first, second = first - first.mean(), second - second.mean()
-    size = float(np.linalg.norm(first) * np.linalg.norm(second))
-    return float(first @ second) / size if size > 0.0 else np.nan
+def _motion_mm(poses: Mapping[int, FloatArray], number: int, part: Part) -> FloatArray:
+    """(3,) how far the box's centre moves per frame there, along the camera's axes; NaN beside unknown frames."""
+    if number - 1 not in poses or number + 1 not in poses:
+        return np.full(3, np.nan)
+    before, after = (transform(poses[number + step], part.box_centre) for step in (-1, 1))
+    return (after - before) / 2.0
 
 
 def _depth_shift(errors_mm: FloatArray, motion_mm: FloatArray) -> DepthShift:
