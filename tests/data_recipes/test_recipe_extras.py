@@ -13,7 +13,10 @@ import pytest
 from data_recipes.command import EXTRAS, Parser, run
 
 ROOT = Path(__file__).resolve().parents[2]
-RECIPES = ("metal_sequences", "edge_profiles", "rt_less", "t_less", "bcot", "rbot", "own_video", "contact_sheet")
+RECIPES = (
+    "metal_sequences", "edge_profiles", "rt_less", "t_less", "bcot", "rbot", "own_video", "contact_sheet",
+    "other_cameras",
+)  # fmt: skip
 HIDING = """
 import runpy, sys
 for name in {names}:

@@ -1,0 +1,226 @@
+"""What would another camera have made of these pictures, and what becomes of a tracker then?
+
+Made pictures all come from one made camera, and recorded ones from whichever stood there. A tracker that was judged on
+them alone may know that camera rather than parts. So the pictures are taken once more: softer, darker, noisier, without
+colours, with another tone curve, as light falls through the lens onto the sensor and is encoded.
+
+`track_as_taken` tracks a sequence as each camera would have taken it, and says how far the poses are from those that
+are known, such as the true ones.
+
+It is no more than what can be told from the picture: what was too bright stays white, and what was blurred stays
+blurred.
+
+Convention: light runs from 0 to 1, a picture's grey level over 255 to the power `DISPLAY_GAMMA`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from acp_lab.errors import ParameterError, SequenceError
+from acp_lab.evaluation.part_metric import PartMetric
+from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.method import Method
+from acp_lab.tracking.tracker import Tracker
+
+DISPLAY_GAMMA = 2.2
+# Electrons that are counted where none are, as in a usual industrial sensor.
+_READ_NOISE = 12.0
+
+
+@dataclass(frozen=True)
+class OtherCamera:
+    """A camera that stands where the camera stood.
+
+    Attributes:
+        blur_px: standard deviation of its lens's blur, on top of what is in the picture.
+        is_half: it has half the pixels in each direction.
+        exposure: times the light that the camera took.
+        electrons: that a white pixel holds: the fewer, the more noise; 0 for none.
+        gamma: grey is light to the power 1 / gamma: 2.2 as displays take it, 1 for light as it is.
+        sharpening: what is added of the difference to a picture blurred by 1.2 px, as cameras do that sharpen.
+        is_grey: it sees no colours.
+        jpeg_quality: as it stores pictures; 0 for as they are.
+    """
+
+    blur_px: float = 0.0
+    is_half: bool = False
+    exposure: float = 1.0
+    electrons: float = 0.0
+    gamma: float = DISPLAY_GAMMA
+    sharpening: float = 0.0
+    is_grey: bool = False
+    jpeg_quality: int = 0
+
+    def __post_init__(self) -> None:
+        limits = (
+            ("blur_px", 0.0, 50.0), ("exposure", 1e-3, 1e3), ("electrons", 0.0, 1e7), ("gamma", 0.5, 5.0),
+            ("sharpening", 0.0, 10.0), ("jpeg_quality", 0, 100),
+        )  # fmt: skip
+        for name, low, high in limits:
+            if not low <= getattr(self, name) <= high:
+                raise ParameterError(f"camera.{name} = {getattr(self, name):g}: give {low:g} to {high:g}")
+
+    def take(self, frame: Frame, seed: int = 0) -> Frame:
+        """The frame as this camera would have taken it; its noise is that of the seed and of the frame's index."""
+        camera, rng = frame.camera, np.random.default_rng([seed, frame.index])
+        light = (frame.image.astype(np.float32) / 255.0) ** DISPLAY_GAMMA
+        if self.blur_px > 0.0:
+            light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.blur_px), np.float32)
+        if self.is_half:
+            camera = camera.halved()
+            light = _mean_of_four(light[: 2 * camera.height, : 2 * camera.width])
+        image = self._encoded(self._sensed(self.exposure * light, rng))
+        return replace(frame, image=self._stored(image), camera=camera)
+
+    def _sensed(self, light: Float32Array, rng: np.random.Generator) -> Float32Array:
+        if self.electrons == 0.0:
+            return light
+        counted = rng.poisson(self.electrons * np.minimum(light, 1.0)) + rng.normal(0.0, _READ_NOISE, light.shape)
+        return (counted / self.electrons).astype(np.float32)
+
+    def _encoded(self, light: Float32Array) -> ByteImage:
+        grey = 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / self.gamma)
+        if self.sharpening > 0.0:
+            grey = grey + self.sharpening * (grey - cv2.GaussianBlur(grey, (0, 0), 1.2))
+        encoded: ByteImage = grey.round().clip(0, 255).astype(np.uint8)
+        return encoded
+
+    def _stored(self, image: ByteImage) -> ByteImage:
+        if self.is_grey:
+            image = np.asarray(cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB), np.uint8)
+        if self.jpeg_quality:
+            # Colours are written blue first, or JPEG would keep blue better than red.
+            _, file = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
+            return np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR_RGB), np.uint8)
+        return image
+
+
+def _mean_of_four(light: Float32Array) -> Float32Array:
+    height, width, channels = light.shape
+    mean: Float32Array = light.reshape(height // 2, 2, width // 2, 2, channels).mean((1, 3), dtype=np.float32)
+    return mean
+
+
+CAMERAS: dict[str, OtherCamera] = {
+    "soft": OtherCamera(blur_px=1.8),
+    "half": OtherCamera(is_half=True),
+    "sharpened": OtherCamera(sharpening=1.2),
+    "noisy": OtherCamera(electrons=1000.0),
+    "dark": OtherCamera(exposure=0.15, electrons=6000.0),
+    "bright": OtherCamera(exposure=2.5),
+    "linear": OtherCamera(gamma=1.0),
+    "grey": OtherCamera(is_grey=True),
+    "compressed": OtherCamera(jpeg_quality=30),
+}
+"""By name: a lens out of focus, half the pixels, a camera that sharpens, one at high gain, one in a sixth of the light,
+one that exposes too long, one that stores light as it is, one without colours, one that stores small files."""
+
+
+class TakenBy:
+    """A sequence as another camera would have taken it: to track, and to score like the sequence itself."""
+
+    def __init__(self, sequence: Sequence, camera: OtherCamera, seed: int = 0) -> None:
+        self._sequence = sequence
+        self._camera = camera
+        self._seed = seed
+
+    @property
+    def name(self) -> str:
+        """As that of the sequence."""
+        return self._sequence.name
+
+    @property
+    def scene_id(self) -> int:
+        """As that of the sequence."""
+        return self._sequence.scene_id
+
+    @property
+    def frame_ids(self) -> tuple[int, ...]:
+        """As those of the sequence."""
+        return self._sequence.frame_ids
+
+    @property
+    def object_ids(self) -> tuple[int, ...]:
+        """As those of the sequence."""
+        return self._sequence.object_ids
+
+    @property
+    def first_poses(self) -> Mapping[int, FloatArray]:
+        """As those of the sequence."""
+        return self._sequence.first_poses
+
+    @property
+    def first_pose(self) -> FloatArray:
+        """As that of the sequence."""
+        return self._sequence.first_pose
+
+    def truth(self, frame_id: int, object_id: int) -> FloatArray | None:
+        """As that of the sequence: the camera stands where the camera stood."""
+        return self._sequence.truth(frame_id, object_id)
+
+    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+        """The frames as the camera would have taken them; those that cannot be read stay what they are."""
+        for frame in self._sequence.frames(max_frames):
+            yield self._camera.take(frame, self._seed) if isinstance(frame, Frame) else frame
+
+
+@dataclass(frozen=True, eq=False)
+class CameraStudy:
+    """How far poses are from the known ones when other cameras took the pictures. Prints as a table.
+
+    errors: (n,) ADD or ADD-S as shares of the diameter by camera, of the frames behind the first; infinite without a
+        pose.
+    """
+
+    errors: Mapping[str, FloatArray]
+
+    def recall(self, camera: str, below: float) -> float:
+        """The share of the frames whose error is below a share of the diameter."""
+        return float((self.errors[camera] < below).mean())
+
+    def __str__(self) -> str:
+        width = max(len("camera"), *map(len, self.errors))
+        head = f"{'camera':{width}}  within 2%  within 5%  median ADD"
+        rows = (
+            f"{name:{width}}  {self.recall(name, 0.02):9.2f}  {self.recall(name, 0.05):9.2f}  "
+            f"{100.0 * float(np.median(errors)):9.2f}%"
+            for name, errors in self.errors.items()
+        )
+        return "\n".join((head, *rows))
+
+
+def track_as_taken(
+    model: PreparedPart,
+    sequence: Sequence,
+    start: FloatArray,
+    cameras: Mapping[str, OtherCamera],
+    known: Callable[[int], FloatArray | None],
+    method: str | Method = "acp",
+    max_frames: int | None = None,
+) -> CameraStudy:
+    """Track a part through a sequence as each camera would have taken it.
+
+    Args:
+        start: (4, 4) pose in the first frame, for all cameras.
+        known: of a frame id the pose (4, 4) to hold results against, such as the true one; None where there is none.
+
+    Raises SequenceError where no frame behind the first has a known pose; else as `Tracker.run`.
+    """
+    metric = PartMetric(model.part)
+    errors = dict[str, FloatArray]()
+    for name, camera in cameras.items():
+        object_id = next(iter(sequence.object_ids))
+        run = Tracker(model, method).run(TakenBy(sequence, camera), start, (), object_id, max_frames)
+        pairs = [(result.cam_T_obj, known(result.frame_id)) for result in run.results[object_id][1:]]
+        errors[name] = np.array([metric.share(found, pose) for found, pose in pairs if pose is not None])
+        if not len(errors[name]):
+            raise SequenceError(f"{sequence.name}: no frame behind the first has a known pose: give those of a run")
+    return CameraStudy(errors)
