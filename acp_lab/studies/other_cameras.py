@@ -31,7 +31,8 @@ from acp_lab.tracking.method import Method
 from acp_lab.tracking.tracker import Tracker
 
 DISPLAY_GAMMA = 2.2
-# Electrons that are counted where none are, as in a usual industrial sensor.
+_LIGHT: Float32Array = ((np.arange(256) / 255.0) ** DISPLAY_GAMMA).astype(np.float32)
+# Of a usual industrial sensor, electrons, standard deviation.
 _READ_NOISE = 12.0
 
 
@@ -43,7 +44,7 @@ class OtherCamera:
         blur_px: standard deviation of its lens's blur, on top of what is in the picture.
         is_half: it has half the pixels in each direction.
         exposure: times the light that the camera took.
-        electrons: that a white pixel holds: the fewer, the more noise; 0 for none.
+        electrons: that a white pixel holds: the fewer, the more photon and read noise; 0 for no noise.
         gamma: grey is light to the power 1 / gamma: 2.2 as displays take it, 1 for light as it is.
         sharpening: what is added of the difference to a picture blurred by 1.2 px, as cameras do that sharpen.
         is_grey: it sees no colours.
@@ -71,7 +72,7 @@ class OtherCamera:
     def take(self, frame: Frame, seed: int = 0) -> Frame:
         """The frame as this camera would have taken it; its noise is that of the seed and of the frame's index."""
         camera, rng = frame.camera, np.random.default_rng([seed, frame.index])
-        light = (frame.image.astype(np.float32) / 255.0) ** DISPLAY_GAMMA
+        light = _LIGHT[frame.image]
         if self.blur_px > 0.0:
             light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.blur_px), np.float32)
         if self.is_half:
@@ -97,7 +98,7 @@ class OtherCamera:
         if self.is_grey:
             image = np.asarray(cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB), np.uint8)
         if self.jpeg_quality:
-            # Colours are written blue first, or JPEG would keep blue better than red.
+            # OpenCV takes blue for the first channel, and JPEG keeps red and blue unlike.
             _, file = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
             return np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR_RGB), np.uint8)
         return image
