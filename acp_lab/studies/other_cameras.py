@@ -4,8 +4,8 @@ Made pictures all come from one made camera, and recorded ones from whichever st
 them alone may know that camera rather than parts. So the pictures are taken once more: softer, darker, noisier, without
 colours, with another tone curve, as light falls through the lens onto the sensor and is encoded.
 
-`track_as_taken` tracks a sequence as each camera would have taken it, and says how far the poses are from those that
-are known, such as the true ones.
+`AlteredSequence(sequence, camera.take)` is a sequence as a camera would have taken it. `track_as_taken` tracks it for
+each camera, and says how far the poses are from those that are known, such as the true ones.
 
 It is no more than what can be told from the picture: what was too bright stays white, and what was blurred stays
 blurred.
@@ -15,7 +15,7 @@ Convention: light runs from 0 to 1, a picture's grey level over 255 to the power
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import cv2
@@ -25,7 +25,8 @@ from acp_lab.errors import ParameterError, SequenceError
 from acp_lab.evaluation.part_metric import PartMetric
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.altered import AlteredSequence
+from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.tracker import Tracker
@@ -125,54 +126,6 @@ CAMERAS: dict[str, OtherCamera] = {
 one that exposes too long, one that stores light as it is, one without colours, one that stores small files."""
 
 
-class TakenBy:
-    """A sequence as another camera would have taken it: to track, and to score like the sequence itself."""
-
-    def __init__(self, sequence: Sequence, camera: OtherCamera, seed: int = 0) -> None:
-        self._sequence = sequence
-        self._camera = camera
-        self._seed = seed
-
-    @property
-    def name(self) -> str:
-        """As that of the sequence."""
-        return self._sequence.name
-
-    @property
-    def scene_id(self) -> int:
-        """As that of the sequence."""
-        return self._sequence.scene_id
-
-    @property
-    def frame_ids(self) -> tuple[int, ...]:
-        """As those of the sequence."""
-        return self._sequence.frame_ids
-
-    @property
-    def object_ids(self) -> tuple[int, ...]:
-        """As those of the sequence."""
-        return self._sequence.object_ids
-
-    @property
-    def first_poses(self) -> Mapping[int, FloatArray]:
-        """As those of the sequence."""
-        return self._sequence.first_poses
-
-    @property
-    def first_pose(self) -> FloatArray:
-        """As that of the sequence."""
-        return self._sequence.first_pose
-
-    def truth(self, frame_id: int, object_id: int) -> FloatArray | None:
-        """As that of the sequence: the camera stands where the camera stood."""
-        return self._sequence.truth(frame_id, object_id)
-
-    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
-        """The frames as the camera would have taken them; those that cannot be read stay what they are."""
-        for frame in self._sequence.frames(max_frames):
-            yield self._camera.take(frame, self._seed) if isinstance(frame, Frame) else frame
-
-
 @dataclass(frozen=True, eq=False)
 class CameraStudy:
     """How far poses are from the known ones when other cameras took the pictures. Prints as a table.
@@ -219,7 +172,7 @@ def track_as_taken(
     errors = dict[str, FloatArray]()
     for name, camera in cameras.items():
         object_id = next(iter(sequence.object_ids))
-        run = Tracker(model, method).run(TakenBy(sequence, camera), start, (), object_id, max_frames)
+        run = Tracker(model, method).run(AlteredSequence(sequence, camera.take), start, (), object_id, max_frames)
         pairs = [(result.cam_T_obj, known(result.frame_id)) for result in run.results[object_id][1:]]
         errors[name] = np.array([metric.share(found, pose) for found, pose in pairs if pose is not None])
         if not len(errors[name]):

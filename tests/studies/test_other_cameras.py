@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import acp_lab as acp
 from acp_lab.errors import ParameterError, SequenceError
 from acp_lab.geometry.camera import Camera
-from acp_lab.sample import sample_dataset
-from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.studies.other_cameras import CAMERAS, CameraStudy, OtherCamera, TakenBy, track_as_taken
+from acp_lab.sequences.frame import Frame
+from acp_lab.studies.other_cameras import CAMERAS, CameraStudy, OtherCamera, track_as_taken
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import MadeSequence, draw, poses, prepared
 
@@ -101,34 +99,6 @@ def test_impossible_cameras_are_refused(wrong: dict[str, float]) -> None:
     name, value = next(iter(wrong.items()))
     with pytest.raises(ParameterError, match=rf"camera\.{name} = {value}: give"):
         OtherCamera(**wrong)  # type: ignore[arg-type]
-
-
-def test_a_sequence_taken_anew_is_tracked_and_scored_as_the_one_it_was() -> None:
-    scene = acp.open_sequence(sample_dataset())
-    anew = TakenBy(scene, CAMERAS["half"])
-    assert (anew.name, anew.scene_id, anew.frame_ids) == (scene.name, scene.scene_id, scene.frame_ids)
-    assert anew.object_ids == scene.object_ids
-    assert np.array_equal(anew.first_pose, scene.first_pose)
-    assert np.array_equal(anew.first_poses[1], scene.first_poses[1])
-    last = scene.frame_ids[-1]
-    assert np.array_equal(np.asarray(anew.truth(last, 1)), np.asarray(scene.truth(last, 1)))
-    frames = list(anew.frames(2))
-    assert [frame.index for frame in frames] == list(scene.frame_ids[:2])
-    assert all(isinstance(frame, Frame) and frame.camera.width == 320 for frame in frames)
-
-
-def test_unreadable_frames_stay_unreadable() -> None:
-    class Broken:
-        name, scene_id, frame_ids, object_ids = "clip", 1, (0, 1), (1,)
-
-        def frames(self, max_frames: int | None = None) -> list[Frame | UnreadableFrame]:
-            return [picture(90), UnreadableFrame(1, CAMERA, "1.png: is cut short")]
-
-    taken, unreadable = TakenBy(Broken(), CAMERAS["dark"]).frames()  # type: ignore[arg-type]
-    assert isinstance(taken, Frame)
-    assert taken.image.mean() < 60
-    assert isinstance(unreadable, UnreadableFrame)
-    assert unreadable.reason == "1.png: is cut short"
 
 
 def test_what_becomes_of_a_tracker() -> None:
