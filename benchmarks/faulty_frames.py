@@ -9,8 +9,8 @@ import numpy as np
 
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.sequences.frame import Frame
+from acp_lab.studies.other_cameras import OtherCamera
 
-GAMMA = 2.2
 Box = tuple[int, int, int, int]
 """(x0, y0, x1, y1) px around the part."""
 
@@ -43,24 +43,19 @@ def half_covered(frame: Frame, box: Box | None) -> Frame:
 
 def in_light(frame: Frame, gain: float) -> Frame:
     """The light times `gain`: grey values are encoded light, and what is too bright is white."""
-    table = 255.0 * np.clip(gain * (np.arange(256) / 255.0) ** GAMMA, 0.0, 1.0) ** (1.0 / GAMMA)
-    return _through(frame, table)
+    return OtherCamera(exposure=gain).take(frame)
 
 
 def in_grey(frame: Frame, gain: float) -> Frame:
     """The grey values times `gain`; 0.4 leaves an eighth of the light, 2 is four to five times as much."""
-    return _through(frame, gain * np.arange(256.0))
+    greys: ByteImage = (gain * np.arange(256.0)).round().clip(0, 255).astype(np.uint8)
+    return replace(frame, image=greys[frame.image])
 
 
 def noisy(frame: Frame, scatter: float, rng: np.random.Generator) -> Frame:
     """Gaussian noise on every grey value."""
     grey = frame.image + rng.normal(0.0, scatter, frame.image.shape)
     return replace(frame, image=grey.round().clip(0, 255).astype(np.uint8))
-
-
-def _through(frame: Frame, table: np.ndarray) -> Frame:
-    greys: ByteImage = table.round().clip(0, 255).astype(np.uint8)
-    return replace(frame, image=greys[frame.image])
 
 
 FAULTS: dict[str, Callable[[Frame, Box | None, np.random.Generator], Frame]] = {

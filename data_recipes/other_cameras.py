@@ -25,7 +25,7 @@ from data_recipes.bop_writer import new_dataset, write_image, write_json
 from data_recipes.command import Parser, note, run, whole
 from data_recipes.convert import check_apart
 
-# What says of a scene's images what stays true whoever takes them.
+# Files of a scene that hold whichever camera takes its pictures.
 _OF_ALL_CAMERAS = ("scene_gt.json", "scene_meta.json")
 
 

@@ -10,7 +10,7 @@ each camera, and says how far the poses are from those that are known, such as t
 It is no more than what can be told from the picture: what was too bright stays white, and what was blurred stays
 blurred.
 
-Convention: light runs from 0 to 1, a picture's grey level over 255 to the power `DISPLAY_GAMMA`.
+Convention: light runs from 0 to 1, a picture's grey level over 255 to the power `PICTURE_GAMMA`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 
 from acp_lab.errors import ParameterError, SequenceError
+from acp_lab.evaluation.metrics import recall
 from acp_lab.evaluation.part_metric import PartMetric
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray
 from acp_lab.prepared_part import PreparedPart
@@ -31,10 +32,12 @@ from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.tracker import Tracker
 
-DISPLAY_GAMMA = 2.2
-_LIGHT: Float32Array = ((np.arange(256) / 255.0) ** DISPLAY_GAMMA).astype(np.float32)
+# As displays decode pictures; what the edge search takes cameras to have encoded by is less.
+PICTURE_GAMMA = 2.2
+_LIGHT: Float32Array = ((np.arange(256) / 255.0) ** PICTURE_GAMMA).astype(np.float32)
 # Of a usual industrial sensor, electrons, standard deviation.
 _READ_NOISE = 12.0
+_SHARPENED_PX = 1.2
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class OtherCamera:
     is_half: bool = False
     exposure: float = 1.0
     electrons: float = 0.0
-    gamma: float = DISPLAY_GAMMA
+    gamma: float = PICTURE_GAMMA
     sharpening: float = 0.0
     is_grey: bool = False
     jpeg_quality: int = 0
@@ -78,7 +81,10 @@ class OtherCamera:
             light = np.asarray(cv2.GaussianBlur(light, (0, 0), self.blur_px), np.float32)
         if self.is_half:
             camera = camera.halved()
-            light = _mean_of_four(light[: 2 * camera.height, : 2 * camera.width])
+            even = light[: 2 * camera.height, : 2 * camera.width]
+            light = np.asarray(
+                cv2.resize(even, (camera.width, camera.height), interpolation=cv2.INTER_AREA), np.float32
+            )
         image = self._encoded(self._sensed(self.exposure * light, rng))
         return replace(frame, image=self._stored(image), camera=camera)
 
@@ -91,7 +97,7 @@ class OtherCamera:
     def _encoded(self, light: Float32Array) -> ByteImage:
         grey = 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / self.gamma)
         if self.sharpening > 0.0:
-            grey = grey + self.sharpening * (grey - cv2.GaussianBlur(grey, (0, 0), 1.2))
+            grey = grey + self.sharpening * (grey - cv2.GaussianBlur(grey, (0, 0), _SHARPENED_PX))
         encoded: ByteImage = grey.round().clip(0, 255).astype(np.uint8)
         return encoded
 
@@ -103,12 +109,6 @@ class OtherCamera:
             _, file = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, self.jpeg_quality])
             return np.asarray(cv2.imdecode(file, cv2.IMREAD_COLOR_RGB), np.uint8)
         return image
-
-
-def _mean_of_four(light: Float32Array) -> Float32Array:
-    height, width, channels = light.shape
-    mean: Float32Array = light.reshape(height // 2, 2, width // 2, 2, channels).mean((1, 3), dtype=np.float32)
-    return mean
 
 
 CAMERAS: dict[str, OtherCamera] = {
@@ -138,7 +138,7 @@ class CameraStudy:
 
     def recall(self, camera: str, below: float) -> float:
         """The share of the frames whose error is below a share of the diameter."""
-        return float((self.errors[camera] < below).mean())
+        return recall(self.errors[camera], below)
 
     def __str__(self) -> str:
         width = max(len("camera"), *map(len, self.errors))
@@ -160,20 +160,21 @@ def track_as_taken(
     method: str | Method = "acp",
     max_frames: int | None = None,
 ) -> CameraStudy:
-    """Track a part through a sequence as each camera would have taken it.
+    """Track the only object of a sequence as each camera would have taken it.
 
     Args:
         start: (4, 4) pose in the first frame, for all cameras.
         known: of a frame id the pose (4, 4) to hold results against, such as the true one; None where there is none.
 
-    Raises SequenceError where no frame behind the first has a known pose; else as `Tracker.run`.
+    Raises SequenceError where no frame behind the first has a known pose, or the sequence has several objects; else as
+    `Tracker.run`.
     """
     metric = PartMetric(model.part)
     errors = dict[str, FloatArray]()
     for name, camera in cameras.items():
-        object_id = next(iter(sequence.object_ids))
-        run = Tracker(model, method).run(AlteredSequence(sequence, camera.take), start, (), object_id, max_frames)
-        pairs = [(result.cam_T_obj, known(result.frame_id)) for result in run.results[object_id][1:]]
+        run = Tracker(model, method).run(AlteredSequence(sequence, camera.take), start, max_frames=max_frames)
+        (results,) = run.results.values()
+        pairs = [(result.cam_T_obj, known(result.frame_id)) for result in results[1:]]
         errors[name] = np.array([metric.share(found, pose) for found, pose in pairs if pose is not None])
         if not len(errors[name]):
             raise SequenceError(f"{sequence.name}: no frame behind the first has a known pose: give those of a run")
