@@ -63,7 +63,7 @@ def paper_choices() -> Iterator[tuple[str, Method]]:
 
 def search_choices() -> Iterator[tuple[str, Method]]:
     """A pose on the same edges: from the distance map to the search along normals with memory and prediction."""
-    from acp_lab.imaging.edge_search import SearchConfig
+    from acp_lab.imaging.edge_search import AS_THEY_ARE
     from acp_lab.tracking.learning.knowledge import Off, SampleLearning
     from acp_lab.tracking.motions import PoseVariables
     from acp_lab.tracking.prediction import ConstantVelocityPrediction
@@ -76,7 +76,7 @@ def search_choices() -> Iterator[tuple[str, Method]]:
         "distance map, 8 orientation bins",
         replace(pose, targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),)),
     )
-    normals = replace(pose, targets=(NormalSearch(SearchConfig(blur_px=0.7), bind="step", min_score=0.0),))
+    normals = replace(pose, targets=(NormalSearch(replace(AS_THEY_ARE, blur_px=0.7), bind="step", min_score=0.0),))
     # Of every frame, and for all levels.
     memory = SampleLearning(offsets=Off(), learn_above=-1.0, trust_from_sigma_px=float("inf"))
     prediction = ConstantVelocityPrediction(rest_below=-1.0)

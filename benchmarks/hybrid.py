@@ -46,7 +46,7 @@ class Track:
 
 def methods() -> Iterator[Method]:
     """The variables and directions that are compared."""
-    from acp_lab.imaging.edge_search import SearchConfig
+    from acp_lab.imaging.edge_search import AS_THEY_ARE
     from acp_lab.tracking.learning.knowledge import Off, SampleLearning
     from acp_lab.tracking.method import ACP_PAPER_SAMPLES
     from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
@@ -61,7 +61,7 @@ def methods() -> Iterator[Method]:
         source=CadSamples("learned", inset_outlines=True),
         variables=PoseVariables(),
         control_points="mid-section",
-        targets=(NormalSearch(SearchConfig(blur_px=0.7), bind="step", min_score=0.0),),
+        targets=(NormalSearch(replace(AS_THEY_ARE, blur_px=0.7), bind="step", min_score=0.0),),
         prediction=ConstantVelocityPrediction(rest_below=-1.0),
         # Of every frame, and for all levels.
         learning=SampleLearning(offsets=Off(), learn_above=-1.0, trust_from_sigma_px=float("inf")),

@@ -144,7 +144,7 @@ class PartObserver:
         margin = reach + 8
         (x0, y0), (x1, y1) = points.min(0) - margin, points.max(0) + margin
         search = SearchConfig()
-        patch = image_patch(image, (int(x0), int(y0), int(x1) + 1, int(y1) + 1), search.blur_px)
+        patch = image_patch(image, (int(x0), int(y0), int(x1) + 1, int(y1) + 1), search)
         candidates = search_along_normals(patch, points, normals, reach, search)
         near = np.abs(candidates.offsets) <= NEAR_PX
         scores = np.where(near, candidates.scores, 0.0)

@@ -21,6 +21,7 @@ import numpy as np
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search_kernel import strongest_peaks
+from acp_lab.imaging.sharpness import edge_blur_px, sharpened, softness
 
 # Scharr's kernel sums to 32 per unit slope; dividing makes gradients grey levels per px.
 SCHARR_GAIN = 1.0 / 32.0
@@ -30,6 +31,11 @@ DISPLAY_GAMMA = 1.8
 _WIDEST_PX = 12.0
 # Below this grey level the encoding is nearly straight, as that of sRGB is; and a step out of black is no noise.
 _DARK = 4.0
+# Of a picture's gradients this share is no edge of anything; every fourth pixel each way tells as much as all.
+_FLAT_SHARE = 0.9
+_STEP = 4
+# Less is asked of an edge, but not nothing: in a picture without edges noise would do.
+_FAINTEST = 0.1
 
 
 @dataclass(frozen=True)
@@ -41,19 +47,39 @@ class SearchConfig:
         max_candidates: peaks kept per edge point.
         contrast: gradient along the normal, grey levels per px, at which a peak scores one half.
         gamma: linear light is the grey level to this power; 1 to take grey levels as they are.
+        faint_below: a picture whose steep gradients (`ImagePatch.steepness`) are below so many grey levels per px is
+            faint as a whole, and less contrast is asked of its edges: in the square of the ratio. 0 for never.
+        sharpening: how many times what a smoother copy of the picture lacks is added to it, after the Gaussian; as
+            many times more as its edges are softer than usual (`sharpness.softness`). 0 for a picture as it is.
     """
 
     blur_px: float = 1.0
     max_candidates: int = 6
     contrast: float = 6.0
     gamma: float = DISPLAY_GAMMA
+    faint_below: float = 8.0
+    sharpening: float = 1.0
 
     def __post_init__(self) -> None:
         for name, low, high in (("blur_px", 0.1, 50.0), ("max_candidates", 1, 100), ("contrast", 1e-3, 255.0)):
             if not low <= getattr(self, name) <= high:
                 raise TrackingError(f"search.{name} = {getattr(self, name):g}: give {low:g} to {high:g}")
+        if not 0.0 <= self.faint_below <= 255.0:
+            raise TrackingError(f"search.faint_below = {self.faint_below:g}: give grey levels per px from 0 to 255")
+        if not 0.0 <= self.sharpening <= 10.0:
+            raise TrackingError(f"search.sharpening = {self.sharpening:g}: give 0 to 10")
         if not 1.0 <= self.gamma <= 4.0:
             raise TrackingError(f"search.gamma = {self.gamma:g}: give 1 to 4, such as 2.2")
+
+    def contrast_in(self, patch: ImagePatch) -> float:
+        """What is asked of an edge in a picture, grey levels per px."""
+        if patch.steepness >= self.faint_below:
+            return self.contrast
+        return self.contrast * max((patch.steepness / self.faint_below) ** 2, _FAINTEST)
+
+
+AS_THEY_ARE = SearchConfig(faint_below=0.0, sharpening=0.0)
+"""Pictures taken as they are: not sharpened, and whatever they are like, the same contrast is asked of edges."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +90,13 @@ class ImagePatch:
         channels: (h, w, 3) float32: gradient x, gradient y (of linear light from 0 to 255, per px), smoothed grey.
         origin: (x, y) of the patch's first pixel in the full image.
         gamma: see `SearchConfig`.
+        steepness: of its steep gradients, grey levels per px: of ten pixels nine have a lower one.
     """
 
     channels: Float32Array
     origin: tuple[int, int]
     gamma: float
+    steepness: float
 
 
 @dataclass(frozen=True)
@@ -89,31 +117,42 @@ class Candidates:
     after: FloatArray
 
 
-def image_patch(
-    image: ByteImage, box: tuple[int, int, int, int], blur_px: float, gamma: float = DISPLAY_GAMMA
-) -> ImagePatch:
+def image_patch(image: ByteImage, box: tuple[int, int, int, int], config: SearchConfig | None = None) -> ImagePatch:
     """Gradient and smoothed grey of an image inside a box.
 
     Args:
         image: (h, w, 3) uint8 RGB.
         box: (x0, y0, x1, y1) px, x1 and y1 excluded; cut to the image.
-        blur_px: standard deviation of the Gaussian.
-        gamma: see `SearchConfig`.
+        config: how it is smoothed, sharpened and decoded; None for the defaults.
     """
+    config = SearchConfig() if config is None else config
     height, width = image.shape[:2]
     x0, y0 = min(max(box[0], 0), width - 2), min(max(box[1], 0), height - 2)
     x1, y1 = max(min(box[2], width), x0 + 2), max(min(box[3], height), y0 + 2)
     # Copied first, as OpenCV takes three times as long over an image whose rows do not follow each other.
     grey = cv2.cvtColor(np.ascontiguousarray(image[y0:y1, x0:x1]), cv2.COLOR_RGB2GRAY)
-    light = cv2.LUT(grey, _linear_light(gamma))
+    light = cv2.LUT(grey, _linear_light(config.gamma))
     smooth, smooth_light = (
-        cv2.GaussianBlur(each, (0, 0), blur_px, borderType=cv2.BORDER_REPLICATE)
+        np.asarray(cv2.GaussianBlur(each, (0, 0), config.blur_px, borderType=cv2.BORDER_REPLICATE), np.float32)
         for each in (grey.astype(np.float32), light)
     )
+    if config.sharpening > 0.0:
+        amount = config.sharpening * softness(edge_blur_px(smooth, config.blur_px))
+        # Greys stay greys where sharpening overshoots; a slope is one wherever light goes.
+        smooth, smooth_light = np.clip(sharpened(smooth, amount), 0.0, 255.0), sharpened(smooth_light, amount)
     # A replicated border makes no edge of its own where the part leaves the image.
     gx = cv2.Scharr(smooth_light, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
     gy = cv2.Scharr(smooth_light, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
-    return ImagePatch(cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False), (x0, y0), gamma)
+    channels = cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False)
+    return ImagePatch(channels, (x0, y0), config.gamma, _steepness(channels[::_STEP, ::_STEP], config.gamma))
+
+
+def _steepness(channels: Float32Array, gamma: float) -> float:
+    """See `ImagePatch`."""
+    levels_per_light = slopes_of_encoding(gamma)[channels[..., 2].astype(np.intp)]
+    slopes = (np.hypot(channels[..., 0], channels[..., 1]) * levels_per_light).ravel()
+    place = int(_FLAT_SHARE * slopes.size)
+    return float(np.partition(slopes, place)[place])
 
 
 @lru_cache(maxsize=8)
@@ -164,6 +203,14 @@ def search_along_normals(
     halves = np.zeros(len(points), np.int64) if blur_px is None else half_widths(blur_px)
     encoding = slopes_of_encoding(patch.gamma)
     strongest_peaks(
-        patch.channels, *patch.origin, plain(points), plain(normals), reach_px, halves, config.contrast, encoding, found
+        patch.channels,
+        *patch.origin,
+        plain(points),
+        plain(normals),
+        reach_px,
+        halves,
+        config.contrast_in(patch),
+        encoding,
+        found,
     )
     return Candidates(*found)

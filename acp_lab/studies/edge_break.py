@@ -88,7 +88,7 @@ def _in_frame(
     rows = truth.rows(pose)
     at = truth.project(rows, pose, frame.camera)
     height, width = frame.image.shape[:2]
-    patch = image_patch(frame.image, (0, 0, width, height), 1.0)
+    patch = image_patch(frame.image, (0, 0, width, height))
     candidates = search_along_normals(patch, at.points, at.normals, REACH_PX, SearchConfig())
     best = candidates.scores.argmax(1)[:, None]
     outline = facing(truth.edges, eye_position(pose)).outline[rows]

@@ -162,7 +162,7 @@ class _Looked:
         everywhere = _nearest(edges)
         if everywhere is None:
             raise SequenceError(f"frame {frame.index}: no edge in the whole image: choose another frame")
-        return cls(image_patch(frame.image, (0, 0, width, height), 1.0), everywhere, tuple(per_direction))
+        return cls(image_patch(frame.image, (0, 0, width, height)), everywhere, tuple(per_direction))
 
 
 def _proposals(
@@ -209,7 +209,7 @@ def _remember(
     rows = truth.rows(cam_T_obj)
     at = truth.project(rows, cam_T_obj, frame.camera)
     height, width = frame.image.shape[:2]
-    patch = image_patch(frame.image, (0, 0, width, height), 1.0)
+    patch = image_patch(frame.image, (0, 0, width, height))
     candidates = search_along_normals(patch, at.points, at.normals, config.reach_px, SearchConfig())
     near = np.where(np.abs(candidates.offsets) < config.tolerance_px, candidates.scores, -1.0)
     chosen = near.argmax(1)

@@ -33,6 +33,7 @@ from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.imaging.edge_search import AS_THEY_ARE
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.confidence import EDGES_ALONE, Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
@@ -250,7 +251,7 @@ ACP_EDGES = replace(
     ACP,
     name="acp-edges",
     summary="edges alone, searched along normals: acp without regions, profiles, motion prior and sight",
-    targets=(NormalSearch(plain_share=0.0, sharing=Off()),),
+    targets=(NormalSearch(AS_THEY_ARE, plain_share=0.0, sharing=Off()),),
     priors=(ControlPointDamping(),),
     solver=GaussNewton(steps=3, damping=0.0),
     prediction=ConstantVelocityPrediction(),

@@ -16,12 +16,14 @@ from acp_lab.generator.base import VisibleSamples, project_samples
 from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import image_directions, step_jacobian
-from acp_lab.imaging.edge_search import SearchConfig, image_patch, search_along_normals
+from acp_lab.imaging.edge_search import AS_THEY_ARE, image_patch, search_along_normals
 from acp_lab.tracking.learning.edge_profiles import FEATURES, EdgeViews, describe
 from data_recipes.profiles.stills import Stills, read_stills
 
 # As the tracker's last level searches and what it takes for noise.
 _REACH_PX, _LEAST_SCORE = 6, 0.02
+# These pictures are as sharp as any; the tracker sharpens others towards them.
+_SEARCH = AS_THEY_ARE
 _ANY_PX = 1e6
 # A candidate farther off is another edge.
 _FARTHEST_PX = 2.5
@@ -77,8 +79,7 @@ def examples_of(stills: Stills) -> Examples:
         if len(found) < _LEAST_SAMPLES:
             continue
         (left, top), (right, bottom) = (found.points.min(0) - _ROOM_PX).astype(int), found.points.max(0) + _ROOM_PX
-        search = SearchConfig()
-        patch = image_patch(image, (left, top, int(right), int(bottom)), search.blur_px, search.gamma)
+        patch = image_patch(image, (left, top, int(right), int(bottom)), _SEARCH)
         seen_as = EdgeViews(edges, found.sample_ids, found.outline, pose, camera.fx)
         points_cam, centre_cam = transform(pose, edges.points_obj[found.sample_ids]), transform(pose, part.box_centre)
         directions = image_directions(points_cam, found.normals, camera)
@@ -86,7 +87,7 @@ def examples_of(stills: Stills) -> Examples:
         blur_px = np.abs(jacobian @ motion)
         # As where the motion is known, and as where it is not, such as in a first frame.
         for told_px in (blur_px, np.zeros(len(found))) if blur_px.max() >= _SMEARED_PX else (blur_px,):
-            candidates = search_along_normals(patch, found.points, found.normals, _REACH_PX, search, told_px)
+            candidates = search_along_normals(patch, found.points, found.normals, _REACH_PX, _SEARCH, told_px)
             profiles = describe(
                 patch, found.points, found.normals, candidates, seen_as, _ANY_PX, _LEAST_SCORE, told_px
             )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,8 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.imaging.edge_search import (
+    AS_THEY_ARE,
     Candidates,
     ImagePatch,
     SearchConfig,
@@ -20,7 +24,9 @@ from acp_lab.imaging.edge_search import (
 )
 from acp_lab.imaging.edge_search_kernel import FLANK_PX
 
-CONFIG = SearchConfig()
+CONFIG = AS_THEY_ARE
+# As `acp` searches.
+ACP = SearchConfig()
 WIDTH, HEIGHT = 64, 48
 
 
@@ -43,8 +49,8 @@ def half_plane(
     return np.repeat(np.round(grey).astype(np.uint8)[..., None], 3, 2)
 
 
-def whole(image: ByteImage) -> ImagePatch:
-    return image_patch(image, (0, 0, image.shape[1], image.shape[0]), CONFIG.blur_px)
+def whole(image: ByteImage, config: SearchConfig = CONFIG) -> ImagePatch:
+    return image_patch(image, (0, 0, image.shape[1], image.shape[0]), config)
 
 
 def best_offset(candidates: Candidates, row: int = 0) -> float:
@@ -77,7 +83,7 @@ def test_a_blurred_edge_is_found_in_its_middle(sign: float) -> None:
     image = half_plane(at, normal, 20.0, 220.0, blur_px=3.0)
     offsets = {}
     for gamma in (1.0, CONFIG.gamma):
-        patch = image_patch(image, (0, 0, WIDTH, HEIGHT), CONFIG.blur_px, gamma)
+        patch = whole(image, replace(CONFIG, gamma=gamma))
         found = search_along_normals(patch, at[None], normal[None], 10, CONFIG)
         offsets[gamma] = best_offset(found)
     assert abs(offsets[CONFIG.gamma]) < 0.1
@@ -216,7 +222,7 @@ def test_no_points_give_no_candidates() -> None:
 def test_a_patch_is_cut_to_the_image(
     box: tuple[int, int, int, int], origin: tuple[int, int], size: tuple[int, int]
 ) -> None:
-    patch = image_patch(half_plane(np.array([30.0, 20.0]), np.array([1.0, 0.0])), box, 1.0)
+    patch = image_patch(half_plane(np.array([30.0, 20.0]), np.array([1.0, 0.0])), box)
     assert patch.origin == origin
     assert patch.channels.shape == (size[1], size[0], 3)
     assert patch.channels.dtype == np.float32
@@ -225,14 +231,14 @@ def test_a_patch_is_cut_to_the_image(
 @pytest.mark.parametrize("gamma", [1.0, 1.8])
 def test_gradients_are_levels_of_light_per_pixel(gamma: float) -> None:
     ramp = np.tile((3 * np.arange(WIDTH)).astype(np.uint8), (HEIGHT, 1))
-    patch = image_patch(np.repeat(ramp[..., None], 3, 2), (0, 0, WIDTH, HEIGHT), CONFIG.blur_px, gamma)
+    patch = whole(np.repeat(ramp[..., None], 3, 2), replace(CONFIG, gamma=gamma))
     channels = patch.channels[10:-10, 10:-10]
     expected = 3.0 * gamma * (ramp[10:-10, 10:-10] / 255.0) ** (gamma - 1.0)
     np.testing.assert_allclose(channels[..., 0], expected, atol=0.05)
     np.testing.assert_allclose(channels[..., 1], 0.0, atol=0.05)
     np.testing.assert_allclose(channels[..., 2], ramp[10:-10, 10:-10], atol=0.05)
     # What a search reports of an edge are grey levels again.
-    step = image_patch(half_plane(np.array([31.3, 23.6]), np.array([1.0, 0.0])), (0, 0, WIDTH, HEIGHT), 1.0, gamma)
+    step = whole(half_plane(np.array([31.3, 23.6]), np.array([1.0, 0.0])), replace(CONFIG, gamma=gamma))
     found = search_along_normals(step, np.array([[31.3, 23.6]]), np.array([[1.0, 0.0]]), 5, CONFIG)
     assert found.gradients[0, 0] == pytest.approx(40.0, rel=0.15)
 
@@ -240,7 +246,7 @@ def test_gradients_are_levels_of_light_per_pixel(gamma: float) -> None:
 def test_a_patch_and_the_whole_image_say_the_same() -> None:
     at, normal = np.array([31.3, 23.6]), np.array([0.8, 0.6])
     image = half_plane(at, normal)
-    inner = image_patch(image, (12, 6, 52, 42), CONFIG.blur_px)
+    inner = image_patch(image, (12, 6, 52, 42), CONFIG)
     first, second = (search_along_normals(patch, at[None], normal[None], 6, CONFIG) for patch in (whole(image), inner))
     assert best_offset(first) == pytest.approx(best_offset(second), abs=1e-3)
 
@@ -286,7 +292,7 @@ def test_the_search_agrees_with_its_slow_twin(seed: int, reach: int) -> None:
     rng = np.random.default_rng(seed)
     coarse = rng.integers(0, 255, (12, 16, 3)).astype(np.uint8)
     image = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
-    patch = image_patch(image, (4, 3, 60, 45), CONFIG.blur_px)
+    patch = image_patch(image, (4, 3, 60, 45), CONFIG)
     points = rng.uniform([-2.0, -2.0], [WIDTH + 2.0, HEIGHT + 2.0], (4, 2))
     angles = rng.uniform(0.0, 2.0 * np.pi, 4)
     normals = np.stack([np.cos(angles), np.sin(angles)], 1)
@@ -308,3 +314,103 @@ def test_the_search_agrees_with_its_slow_twin(seed: int, reach: int) -> None:
             assert found.gradients[row, nearest] == pytest.approx(peak[2], rel=0.015, abs=1e-3)
             assert found.before[row, nearest] == pytest.approx(peak[3], abs=1e-2)
             assert found.after[row, nearest] == pytest.approx(peak[4], abs=1e-2)
+
+
+# ---- faint pictures ------------------------------------------------------------------------------------------
+
+
+def darkened(image: ByteImage, share: float) -> ByteImage:
+    """With so much of the light."""
+    light = share * (image / 255.0) ** ACP.gamma
+    return np.round(255.0 * light ** (1.0 / ACP.gamma)).astype(np.uint8)
+
+
+def chequered(low: float = 60.0, high: float = 180.0) -> ByteImage:
+    """Edges enough that a tenth of the pixels lie on some."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    grey = np.where((x // 12 + y // 12) % 2, low, high).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, 2)
+
+
+def test_less_is_asked_of_the_edges_of_a_faint_picture() -> None:
+    bright, dark = (whole(image, ACP) for image in (chequered(), darkened(chequered(40.0, 60.0), 0.3)))
+    assert bright.steepness > ACP.faint_below > dark.steepness
+    assert ACP.contrast_in(bright) == ACP.contrast
+    share = dark.steepness / ACP.faint_below
+    assert ACP.contrast_in(dark) == pytest.approx(ACP.contrast * share**2)
+    at, normal = np.array([[23.5, 17.5]]), np.array([[1.0, 0.0]])
+    scores = {
+        below: search_along_normals(dark, at, normal, 4, replace(ACP, faint_below=below)).scores.max()
+        for below in (0.0, ACP.faint_below)
+    }
+    assert scores[ACP.faint_below] > 1.5 * scores[0.0] > 0.0
+
+
+def test_something_is_asked_of_a_picture_without_edges() -> None:
+    flat = whole(np.full((HEIGHT, WIDTH, 3), 90, np.uint8), ACP)
+    assert flat.steepness == pytest.approx(0.0, abs=1e-3)
+    assert 0.0 < ACP.contrast_in(flat) < 0.2 * ACP.contrast
+    assert replace(ACP, faint_below=0.0).contrast_in(flat) == ACP.contrast
+
+
+@given(seed=st.integers(0, 1000), gamma=st.sampled_from([1.0, ACP.gamma]))
+def test_steepness_is_a_quantile_of_the_gradients(seed: int, gamma: float) -> None:
+    """In grey levels, whatever the light is taken for: its twin takes the gradient of every pixel."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(30, 225, (12, 16, 3)).astype(np.uint8)
+    patch = whole(
+        np.asarray(cv2.resize(coarse, (256, 192), interpolation=cv2.INTER_CUBIC)), replace(AS_THEY_ARE, gamma=gamma)
+    )
+    smooth = np.asarray(patch.channels[..., 2], np.float64)
+    by_grey = np.gradient(smooth)
+    assert patch.steepness == pytest.approx(np.quantile(np.hypot(*by_grey), 0.9), rel=0.15)
+
+
+@pytest.mark.parametrize("faint_below", [-1.0, 300.0, float("nan")])
+def test_an_impossible_faintness_is_refused(faint_below: float) -> None:
+    with pytest.raises(TrackingError, match=r"search\.faint_below = "):
+        SearchConfig(faint_below=faint_below)
+
+
+# ---- soft pictures -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 20.0, 135.0])
+@pytest.mark.parametrize("blur_px", [0.0, 1.5, 2.5])
+def test_a_step_edge_stays_where_it_is_however_much_it_is_sharpened(angle_deg: float, blur_px: float) -> None:
+    normal = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    at = np.array([31.3, 23.6])
+    patch = whole(half_plane(at, normal, blur_px=blur_px), ACP)
+    found = search_along_normals(patch, (at - 2.26 * normal)[None], normal[None], 6, ACP)
+    assert best_offset(found) == pytest.approx(2.26, abs=0.12)
+    plain = search_along_normals(whole(half_plane(at, normal, blur_px=blur_px)), at[None], normal[None], 6, CONFIG)
+    assert found.gradients[0].max() > 1.2 * plain.gradients[0].max()
+
+
+def test_sharpening_finds_both_edges_where_a_lens_made_one_of_them() -> None:
+    """A groove of 4 px behind a blur of 2 px: its edges are found nearer to where they are."""
+    left, right = 30.0, 34.0
+    first, second = (
+        half_plane(np.array([at, 24.0]), np.array([sign, 0.0]), 40.0, 200.0, blur_px=2.0).astype(int)
+        for at, sign in ((left, -1.0), (right, 1.0))
+    )
+    image = np.clip(first + second - 40, 0, 255).astype(np.uint8)
+    off = {}
+    for config in (CONFIG, ACP):
+        patch = whole(image, config)
+        found = search_along_normals(patch, np.array([[32.0, 24.0]]), np.array([[1.0, 0.0]]), 8, config)
+        best = np.sort(found.offsets[0, np.argsort(-found.scores[0])[:2]])
+        off[config] = np.abs(best - [left - 32.0, right - 32.0]).max()
+    assert off[ACP] < 0.9 * off[CONFIG]
+
+
+def test_greys_stay_greys() -> None:
+    image = half_plane(np.array([31.3, 23.6]), np.array([1.0, 0.0]), 0.0, 255.0)
+    greys = whole(image, ACP).channels[..., 2]
+    assert 0.0 <= greys.min() < greys.max() <= 255.0
+
+
+@pytest.mark.parametrize("sharpening", [-0.5, 20.0, float("nan")])
+def test_an_impossible_sharpening_is_refused(sharpening: float) -> None:
+    with pytest.raises(TrackingError, match=r"search\.sharpening = "):
+        SearchConfig(sharpening=sharpening)

@@ -105,7 +105,7 @@ def test_what_becomes_of_a_tracker() -> None:
     part = bracket()
     truth = poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3), 6)
     sequence = MadeSequence([draw([(part, pose)], seed) for seed, pose in enumerate(truth)], {1: truth})
-    cameras = {"as it was": OtherCamera(), "blind": OtherCamera(exposure=1e-3)}
+    cameras = {"as it was": OtherCamera(), "blind": OtherCamera(exposure=1e-3, electrons=20.0)}
 
     def known(frame_id: int) -> np.ndarray | None:
         return sequence.truth(frame_id, 1) if frame_id != 4 else None

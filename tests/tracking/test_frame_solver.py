@@ -14,6 +14,7 @@ from acp_lab.errors import PreparationError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose, transform
 from acp_lab.geometry.pose_step import centre_position, move_pose
+from acp_lab.imaging.edge_search import AS_THEY_ARE
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking import frame_solver as frame_solver_module
@@ -87,8 +88,10 @@ def test_the_solver_comes_back_to_the_truth(
 
 
 def test_a_search_nearby_needs_less_of_the_image_filtered(
-    part: Part, solver: FrameSolver, frame: Frame, truth: FloatArray
+    part: Part, model: PreparedPart, frame: Frame, truth: FloatArray
 ) -> None:
+    # How much a picture is sharpened would follow from how much of it is seen.
+    solver = FrameSolver(model, replace(AS_DRAWN, targets=(NormalSearch(AS_THEY_ARE), *AS_DRAWN.targets[1:])))
     assert isinstance(solver.method.schedule, PixelSchedule)
     near = solver.method.schedule.near
     prior = disturb_pose(truth, part.box_centre, 0.5, 0.5, np.random.default_rng(0))
@@ -117,7 +120,7 @@ def test_an_estimate_is_judged_worse_away_from_the_truth(
     aside = solver.look_at(seen, away, level, Stopwatch())
     assert there is not None
     assert aside is not None
-    assert there.quality > 1.5 * aside.quality
+    assert there.quality > 1.4 * aside.quality
     assert there.loss < aside.loss
     residuals = there.judgement.residuals_px
     assert np.nanmedian(np.abs(residuals)) < 0.3

@@ -28,7 +28,7 @@ from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import Float32Array, FloatArray, Uint16Array
-from acp_lab.imaging.edge_search import ImagePatch, SearchConfig, image_patch, search_along_normals
+from acp_lab.imaging.edge_search import AS_THEY_ARE, ImagePatch, SearchConfig, image_patch, search_along_normals
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
@@ -56,7 +56,7 @@ class EdgeConfidence:
     kind: ClassVar[str] = "edge-confidence"
     searches: ClassVar[bool] = True
     lines: int = 200
-    search: SearchConfig = field(default_factory=SearchConfig)
+    search: SearchConfig = AS_THEY_ARE
     beside_px: int = 5
     gap_px: int = 2
     least_contrast: float = 0.05
@@ -94,9 +94,8 @@ class ConfidenceMemory:
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> ConfidenceTarget:
         """The target of one frame."""
-        search = self.config.search
         colours = ContourTarget(ColourCrop(view.image, view.box, self.outline.colours), self.outline)
-        return ConfidenceTarget(image_patch(view.image, view.box, search.blur_px, search.gamma), colours, self.config)
+        return ConfidenceTarget(image_patch(view.image, view.box, self.config.search), colours, self.config)
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,7 @@ class NormalSearch:
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
         """The target of one frame."""
-        patch = image_patch(view.image, view.edge_box, self.search.blur_px, self.search.gamma)
+        patch = image_patch(view.image, view.edge_box, self.search)
         return NormalTarget(patch, self, knowledge)
 
 

@@ -15,7 +15,7 @@ EDGE_X = 30.5
 
 
 def test_the_profile_is_steepest_at_the_edge() -> None:
-    patch = image_patch(IMAGE, (5, 5, 55, 35), 1.0)
+    patch = image_patch(IMAGE, (5, 5, 55, 35))
     steps = np.arange(-8.0, 8.01, 0.25)
     grey, gradient = profile(patch, np.array([28.0, 20.0]), np.array([1.0, 0.0]), steps)
     # The two columns beside the edge share the steepest gradient.
@@ -26,7 +26,7 @@ def test_the_profile_is_steepest_at_the_edge() -> None:
 
 def test_candidates_are_drawn_where_the_gradient_peaks() -> None:
     (axes,) = axes_of()
-    patch = image_patch(IMAGE, (5, 5, 55, 35), 1.0)
+    patch = image_patch(IMAGE, (5, 5, 55, 35))
     draw_profile(axes, patch, np.array([28.0, 20.0]), np.array([1.0, 0.0]), 8, way_px=EDGE_X - 28.0)
     drawn = {line.get_label(): np.asarray(line.get_xdata(), float) for line in axes.lines}
     np.testing.assert_allclose(drawn["candidates"], EDGE_X - 28.0, atol=0.1)

@@ -17,7 +17,14 @@ from acp_lab.generator.base import GeneratedEdges, VisibleSamples, project_sampl
 from acp_lab.geometry.arrays import Float32Array, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
-from acp_lab.imaging.edge_search import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
+from acp_lab.imaging.edge_search import (
+    AS_THEY_ARE,
+    Candidates,
+    ImagePatch,
+    SearchConfig,
+    image_patch,
+    search_along_normals,
+)
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.learning.edge_profiles import (
     FEATURES,
@@ -58,7 +65,7 @@ def seen_at(pose: FloatArray, camera: Camera = CAMERA) -> tuple[GeneratedEdges, 
 
 
 def searched(image: np.ndarray, edges: GeneratedEdges, normals: FloatArray) -> tuple[ImagePatch, Candidates]:
-    patch = image_patch(image, (0, 0, image.shape[1], image.shape[0]), 1.0)
+    patch = image_patch(image, (0, 0, image.shape[1], image.shape[0]), AS_THEY_ARE)
     return patch, search_along_normals(patch, edges.points, normals, 6, SearchConfig())
 
 
@@ -129,7 +136,13 @@ def test_features_are_those_of_the_plain_twin(image: np.ndarray, smeared: bool) 
     for k in range(0, len(found.rows), 7):
         i, m = found.rows[k], found.columns[k]
         side, features = plain_features(
-            patch, edges.points[i], edges.normals[i], candidates.offsets[i, m], candidates.scores[i, m], views, int(i),
+            patch,
+            edges.points[i],
+            edges.normals[i],
+            candidates.offsets[i, m],
+            candidates.scores[i, m],
+            views,
+            int(i),
             float(blur_px[i]),
         )
         assert found.sides[i] == side
@@ -336,10 +349,18 @@ def test_edges_of_the_sample_lie_nearer_to_the_cads() -> None:
 # ---- settings ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("setting", [
-        {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"evidence_share": 1.5},
-        {"trait_memory": 1.0}, {"outline_mm": float("nan")},
-    ], ids=str)
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"largest_px": 0.0},
+        {"spread_share": -1.0},
+        {"break_share": 11.0},
+        {"evidence_share": 1.5},
+        {"trait_memory": 1.0},
+        {"outline_mm": float("nan")},
+    ],
+    ids=str,
+)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"learning\.profiles\."):
         ProfileConfig(**setting)

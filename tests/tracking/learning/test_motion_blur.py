@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.imaging.edge_search import ImagePatch, image_patch
+from acp_lab.imaging.edge_search import AS_THEY_ARE, ImagePatch, image_patch
 from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
 
 WIDTH, HEIGHT = 160, 120
 GAMMA = 1.8
+SEARCH = replace(AS_THEY_ARE, gamma=GAMMA)
 
 
 def stripes(smear_px: float, seed: int = 0) -> tuple[ImagePatch, FloatArray, FloatArray]:
@@ -27,7 +30,7 @@ def stripes(smear_px: float, seed: int = 0) -> tuple[ImagePatch, FloatArray, Flo
     rows = np.arange(10.0, HEIGHT - 10.0, 3.0)
     points = np.array([[at, y] for at in places for y in rows])
     normals = np.tile([1.0, 0.0], (len(points), 1))
-    return image_patch(image, (0, 0, WIDTH, HEIGHT), 1.0, GAMMA), points, normals
+    return image_patch(image, (0, 0, WIDTH, HEIGHT), SEARCH), points, normals
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.9])
@@ -64,7 +67,7 @@ def test_slow_and_few_edges_tell_nothing() -> None:
 def test_a_blank_image_tells_nothing() -> None:
     _, points, normals = stripes(7.0)
     blur = MotionBlur(BlurConfig())
-    patch = image_patch(np.full((HEIGHT, WIDTH, 3), 90, np.uint8), (0, 0, WIDTH, HEIGHT), 1.0, GAMMA)
+    patch = image_patch(np.full((HEIGHT, WIDTH, 3), 90, np.uint8), (0, 0, WIDTH, HEIGHT), SEARCH)
     blur.learn(patch, points, normals, np.full(len(points), 14.0))
     assert blur.share == 0.0
 

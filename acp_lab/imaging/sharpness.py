@@ -1,0 +1,78 @@
+"""How soft a picture is, and a sharper one: lenses, small pixels and sharpening cameras blur edges by more or by less.
+
+Where an edge is blurred, its neighbours run into it: a bevel's two edges become one, and what lies between a part and
+the ground is lost. A Gaussian blur can be taken back to some extent, at the price of noise, by adding what a smoother
+copy lacks (unsharp masking). By how much is asked of the picture: a step that is blurred by s px has, behind a Gaussian
+of b px, a slope in inverse proportion to sqrt(s^2 + b^2), so its slopes behind two Gaussians tell s.
+(Not in the paper, which takes pictures as they are; see docs/paper-ledger.md.)
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from acp_lab.geometry.arrays import Float32Array
+
+SHARPEN_PX = 1.5
+"""Standard deviation of the Gaussian that makes the smoother copy."""
+# Of the second Gaussian, on top of the first.
+_COARSER_PX = 2.0
+# Of the pixels that are looked at, this share is the steepest: edges, whatever else there is.
+_STEEP_SHARE = 0.05
+# Every second pixel each way tells as much as all; of fewer, upright edges may all lie between two.
+_STEP = 2
+_LEAST_SIDE = 16
+USUAL_BLUR_PX = 1.2
+"""Of a picture in focus: by its pixels, the rims of its parts, and edges that lie side by side."""
+SOFTEST_PX = 2.5
+"""A picture counts as no softer: slopes that are wider are no blurred edges."""
+
+
+def edge_blur_px(smooth: Float32Array, blur_px: float) -> float:
+    """Standard deviation of the blur of a picture's steepest edges, from 0 to `SOFTEST_PX`.
+
+    Of a picture under 16 px wide or high nothing can be told: 0.
+
+    smooth: (h, w) float32 grey, behind a Gaussian of `blur_px`, which does not count.
+    """
+    height, width = smooth.shape
+    if min(height, width) < _LEAST_SIDE:
+        return 0.0
+    half = np.ascontiguousarray(smooth[::2, ::2])
+    coarse = np.asarray(cv2.GaussianBlur(half, (0, 0), 0.5 * _COARSER_PX, borderType=cv2.BORDER_REPLICATE), np.float32)
+    # Of the same pixels, as far as all have neighbours.
+    fine_slopes = _slopes(smooth, 2, _STEP, (height - 3, width - 3))
+    coarse_slopes = 0.5 * _slopes(coarse, 1, 1, ((height - 2) // 2, (width - 2) // 2))
+    place = int((1.0 - _STEEP_SHARE) * fine_slopes.size)
+    steep = np.argpartition(fine_slopes, place)[place:]
+    ratio = float(np.median(fine_slopes[steep] / np.maximum(coarse_slopes[steep], 1e-6))) ** 2
+    if ratio <= 1.0:
+        return SOFTEST_PX
+    squared = (blur_px**2 + _COARSER_PX**2 - ratio * blur_px**2) / (ratio - 1.0)
+    return float(np.sqrt(np.clip(squared, 0.0, SOFTEST_PX**2)))
+
+
+def _slopes(grey: Float32Array, first: int, step: int, end: tuple[int, int]) -> Float32Array:
+    """(k,) of grey (h, w), per px, at every `step`-th pixel each way, from (first, first) to before `end`."""
+
+    def beside(down: int, right: int) -> Float32Array:
+        return grey[first + down : end[0] + down : step, first + right : end[1] + right : step]
+
+    across, along = beside(0, 1) - beside(0, -1), beside(1, 0) - beside(-1, 0)
+    return np.asarray(0.5 * np.hypot(across, along), np.float32).ravel()
+
+
+def softness(blur_px: float) -> float:
+    """By how much more than a picture in focus one is to be sharpened whose edges are blurred by `blur_px`; 1 or more.
+
+    What sharpening takes back grows with its amount as what a blur takes away does with its square. A picture that is
+    sharper than usual is sharpened all the same: there is the Gaussian before the gradient to be taken back as well.
+    """
+    return max(blur_px / USUAL_BLUR_PX, 1.0) ** 2
+
+
+def sharpened(grey: Float32Array, amount: float) -> Float32Array:
+    """(h, w) float32: `amount` times what a copy behind a Gaussian of `SHARPEN_PX` lacks, added."""
+    smoother = cv2.GaussianBlur(grey, (0, 0), SHARPEN_PX, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.addWeighted(grey, 1.0 + amount, smoother, -amount, 0.0), np.float32)
