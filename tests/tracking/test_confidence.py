@@ -65,7 +65,8 @@ def test_right_poses_are_likely_and_wrong_ones_are_not(
         solution = tracker.solver.look_at(seen, seen.view.at_pose(pose), Level(5, 1.0, 600), Stopwatch())
         wrong.append(0.0 if solution is None else confidence.of(solution))
     assert min(right) > 0.8
-    assert np.quantile(wrong, 0.9) < 0.35  # by chance a wrong pose may lie on edges
+    assert np.median(wrong) < 0.35
+    assert np.quantile(wrong, 0.9) < 0.5  # by chance a wrong pose may lie on edges
 
 
 def test_what_the_log_odds_are_made_of(model: PreparedPart, sequence: MadeSequence) -> None:
@@ -90,4 +91,4 @@ def test_without_it_the_quality_is_the_agreement(model: PreparedPart, sequence: 
     plain, probable = (
         Tracker(model, method).start(frame, sequence.first_pose) for method in (replace(ACP, confidence=Off()), ACP)
     )
-    assert plain.quality < 0.8 < probable.quality
+    assert plain.quality < 0.95 < probable.quality

@@ -72,7 +72,7 @@ def test_a_disturbed_start_is_not_trusted_and_corrected(
         tracker = Tracker(model, AS_DRAWN)
         result = tracker.start(frame, start)
         assert not tracker.start_was_trusted
-        assert add_percent(part, result.cam_T_obj, truth) < 2.5
+        assert add_percent(part, result.cam_T_obj, truth) < 3.0
 
 
 @pytest.mark.parametrize("seed", range(4))
