@@ -8,6 +8,9 @@ transform: a distance map attracts to edges of any direction.)
 Light adds up before a camera encodes it for displays. Where an edge is blurred, by motion or by a pixel's own size, the
 encoded grey is steepest towards its dark side: dark parts on bright ground look smaller, the more the faster they move.
 So gradients are taken in linear light; what is said of them is said in grey levels, which is how noise and contrast go.
+
+Cameras differ. The picture is sharpened first, a soft one more (`sharpness`), and of the edges of a faint one, such as
+one in the dark, less contrast is asked.
 """
 
 from __future__ import annotations
