@@ -21,7 +21,7 @@ from acp_lab.generator.base import VisibleSamples, project_samples
 from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
-from acp_lab.imaging.edge_search import SearchConfig, image_patch, search_along_normals
+from acp_lab.imaging.edge_search import AS_THEY_ARE, image_patch, search_along_normals
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.schedule import PixelSchedule
 
@@ -143,9 +143,9 @@ class PartObserver:
             return EdgeEvidence(ids[inside], points, normals, none, none, np.zeros((0, 2, 3)), none, outside, reach)
         margin = reach + 8
         (x0, y0), (x1, y1) = points.min(0) - margin, points.max(0) + margin
-        search = SearchConfig()
-        patch = image_patch(image, (int(x0), int(y0), int(x1) + 1, int(y1) + 1), search)
-        candidates = search_along_normals(patch, points, normals, reach, search)
+        # Contrast is told as the user sees it.
+        patch = image_patch(image, (int(x0), int(y0), int(x1) + 1, int(y1) + 1), AS_THEY_ARE)
+        candidates = search_along_normals(patch, points, normals, reach, AS_THEY_ARE)
         near = np.abs(candidates.offsets) <= NEAR_PX
         scores = np.where(near, candidates.scores, 0.0)
         best, rows = scores.argmax(1), np.arange(len(points))

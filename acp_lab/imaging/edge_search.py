@@ -16,7 +16,7 @@ one in the dark, less contrast is asked.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -76,7 +76,7 @@ class SearchConfig:
 
     def contrast_in(self, patch: ImagePatch) -> float:
         """What is asked of an edge in a picture, grey levels per px."""
-        if patch.steepness >= self.faint_below:
+        if self.faint_below == 0.0 or patch.steepness >= self.faint_below:
             return self.contrast
         return self.contrast * max((patch.steepness / self.faint_below) ** 2, _FAINTEST)
 
@@ -93,13 +93,20 @@ class ImagePatch:
         channels: (h, w, 3) float32: gradient x, gradient y (of linear light from 0 to 255, per px), smoothed grey.
         origin: (x, y) of the patch's first pixel in the full image.
         gamma: see `SearchConfig`.
-        steepness: of its steep gradients, grey levels per px: of ten pixels nine have a lower one.
     """
 
     channels: Float32Array
     origin: tuple[int, int]
     gamma: float
-    steepness: float
+
+    @cached_property
+    def steepness(self) -> float:
+        """Of its steep gradients, grey levels per px: of ten pixels nine have a lower one."""
+        some = self.channels[::_STEP, ::_STEP]
+        levels_per_light = slopes_of_encoding(self.gamma)[some[..., 2].astype(np.intp)]
+        slopes = (np.hypot(some[..., 0], some[..., 1]) * levels_per_light).ravel()
+        place = int(_FLAT_SHARE * slopes.size)
+        return float(np.partition(slopes, place)[place])
 
 
 @dataclass(frozen=True)
@@ -146,16 +153,7 @@ def image_patch(image: ByteImage, box: tuple[int, int, int, int], config: Search
     # A replicated border makes no edge of its own where the part leaves the image.
     gx = cv2.Scharr(smooth_light, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
     gy = cv2.Scharr(smooth_light, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
-    channels = cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False)
-    return ImagePatch(channels, (x0, y0), config.gamma, _steepness(channels[::_STEP, ::_STEP], config.gamma))
-
-
-def _steepness(channels: Float32Array, gamma: float) -> float:
-    """See `ImagePatch`."""
-    levels_per_light = slopes_of_encoding(gamma)[channels[..., 2].astype(np.intp)]
-    slopes = (np.hypot(channels[..., 0], channels[..., 1]) * levels_per_light).ravel()
-    place = int(_FLAT_SHARE * slopes.size)
-    return float(np.partition(slopes, place)[place])
+    return ImagePatch(cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False), (x0, y0), config.gamma)
 
 
 @lru_cache(maxsize=8)

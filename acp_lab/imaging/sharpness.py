@@ -20,8 +20,6 @@ SHARPEN_PX = 1.5
 _COARSER_PX = 2.0
 # Of the pixels that are looked at, this share is the steepest: edges, whatever else there is.
 _STEEP_SHARE = 0.05
-# Every second pixel each way tells as much as all; of fewer, upright edges may all lie between two.
-_STEP = 2
 _LEAST_SIDE = 16
 USUAL_BLUR_PX = 1.2
 """Of a picture in focus: by its pixels, the rims of its parts, and edges that lie side by side."""
@@ -39,10 +37,11 @@ def edge_blur_px(smooth: Float32Array, blur_px: float) -> float:
     height, width = smooth.shape
     if min(height, width) < _LEAST_SIDE:
         return 0.0
+    # Every second pixel each way tells as much as all; of fewer, upright edges may all lie between two.
     half = np.ascontiguousarray(smooth[::2, ::2])
     coarse = np.asarray(cv2.GaussianBlur(half, (0, 0), 0.5 * _COARSER_PX, borderType=cv2.BORDER_REPLICATE), np.float32)
     # Of the same pixels, as far as all have neighbours.
-    fine_slopes = _slopes(smooth, 2, _STEP, (height - 3, width - 3))
+    fine_slopes = _slopes(smooth, 2, 2, (height - 3, width - 3))
     coarse_slopes = 0.5 * _slopes(coarse, 1, 1, ((height - 2) // 2, (width - 2) // 2))
     place = int((1.0 - _STEEP_SHARE) * fine_slopes.size)
     steep = np.argpartition(fine_slopes, place)[place:]

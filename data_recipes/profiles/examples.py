@@ -22,7 +22,7 @@ from data_recipes.profiles.stills import Stills, read_stills
 
 # As the tracker's last level searches and what it takes for noise.
 _REACH_PX, _LEAST_SCORE = 6, 0.02
-# These pictures are as sharp as any; the tracker sharpens others towards them.
+# The network that comes with the package has learnt from pictures that are not sharpened.
 _SEARCH = AS_THEY_ARE
 _ANY_PX = 1e6
 # A candidate farther off is another edge.

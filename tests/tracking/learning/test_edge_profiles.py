@@ -136,13 +136,7 @@ def test_features_are_those_of_the_plain_twin(image: np.ndarray, smeared: bool) 
     for k in range(0, len(found.rows), 7):
         i, m = found.rows[k], found.columns[k]
         side, features = plain_features(
-            patch,
-            edges.points[i],
-            edges.normals[i],
-            candidates.offsets[i, m],
-            candidates.scores[i, m],
-            views,
-            int(i),
+            patch, edges.points[i], edges.normals[i], candidates.offsets[i, m], candidates.scores[i, m], views, int(i),
             float(blur_px[i]),
         )
         assert found.sides[i] == side
@@ -349,18 +343,10 @@ def test_edges_of_the_sample_lie_nearer_to_the_cads() -> None:
 # ---- settings ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "setting",
-    [
-        {"largest_px": 0.0},
-        {"spread_share": -1.0},
-        {"break_share": 11.0},
-        {"evidence_share": 1.5},
-        {"trait_memory": 1.0},
-        {"outline_mm": float("nan")},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("setting", [
+        {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"evidence_share": 1.5},
+        {"trait_memory": 1.0}, {"outline_mm": float("nan")},
+    ], ids=str)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"learning\.profiles\."):
         ProfileConfig(**setting)
