@@ -30,6 +30,7 @@ from acp_lab.imaging.sharpness import edge_blur_px, sharpened, softness
 SCHARR_GAIN = 1.0 / 32.0
 # sRGB has about 2.2; many cameras brighten shadows less.
 DISPLAY_GAMMA = 1.8
+_NARROW_PX = 1.0
 # A smear that is longer says little of where the edge is.
 _WIDEST_PX = 12.0
 # Below this grey level the encoding is nearly straight, as that of sRGB is; and a step out of black is no noise.
@@ -37,8 +38,8 @@ _DARK = 4.0
 # Of a picture's gradients this share is no edge of anything; every fourth pixel each way tells as much as all.
 _FLAT_SHARE = 0.9
 _STEP = 4
-# Less is asked of an edge, but not nothing: in a picture without edges noise would do.
-_FAINTEST = 0.1
+# Less is asked of an edge, but not much less than noise has: in a picture without edges it would do for the part.
+_FAINTEST = 0.25
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class SearchConfig:
     contrast: float = 6.0
     gamma: float = DISPLAY_GAMMA
     faint_below: float = 8.0
-    sharpening: float = 1.0
+    sharpening: float = 1.6
 
     def __post_init__(self) -> None:
         for name, low, high in (("blur_px", 0.1, 50.0), ("max_candidates", 1, 100), ("contrast", 1e-3, 255.0)):
@@ -92,12 +93,13 @@ class ImagePatch:
     Attributes:
         channels: (h, w, 3) float32: gradient x, gradient y (of linear light from 0 to 255, per px), smoothed grey.
         origin: (x, y) of the patch's first pixel in the full image.
-        gamma: see `SearchConfig`.
+        gamma, blur_px: see `SearchConfig`.
     """
 
     channels: Float32Array
     origin: tuple[int, int]
     gamma: float
+    blur_px: float
 
     @cached_property
     def steepness(self) -> float:
@@ -107,6 +109,11 @@ class ImagePatch:
         slopes = (np.hypot(some[..., 0], some[..., 1]) * levels_per_light).ravel()
         place = int(_FLAT_SHARE * slopes.size)
         return float(np.partition(slopes, place)[place])
+
+    @property
+    def edge_blur_px(self) -> float:
+        """How far its steepest edges are blurred, see `sharpness.edge_blur_px`; greys are not sharpened."""
+        return edge_blur_px(np.ascontiguousarray(self.channels[..., 2]), self.blur_px)
 
 
 @dataclass(frozen=True)
@@ -127,13 +134,19 @@ class Candidates:
     after: FloatArray
 
 
-def image_patch(image: ByteImage, box: tuple[int, int, int, int], config: SearchConfig | None = None) -> ImagePatch:
+def image_patch(
+    image: ByteImage,
+    box: tuple[int, int, int, int],
+    config: SearchConfig | None = None,
+    lens_blur_px: float | None = None,
+) -> ImagePatch:
     """Gradient and smoothed grey of an image inside a box.
 
     Args:
         image: (h, w, 3) uint8 RGB.
         box: (x0, y0, x1, y1) px, x1 and y1 excluded; cut to the image.
         config: how it is smoothed, sharpened and decoded; None for the defaults.
+        lens_blur_px: how far the camera blurs edges, on which it depends how much is sharpened; None to ask the image.
     """
     config = SearchConfig() if config is None else config
     height, width = image.shape[:2]
@@ -141,19 +154,24 @@ def image_patch(image: ByteImage, box: tuple[int, int, int, int], config: Search
     x1, y1 = max(min(box[2], width), x0 + 2), max(min(box[3], height), y0 + 2)
     # Copied first, as OpenCV takes three times as long over an image whose rows do not follow each other.
     grey = cv2.cvtColor(np.ascontiguousarray(image[y0:y1, x0:x1]), cv2.COLOR_RGB2GRAY)
-    light = cv2.LUT(grey, _linear_light(config.gamma))
-    smooth, smooth_light = (
-        np.asarray(cv2.GaussianBlur(each, (0, 0), config.blur_px, borderType=cv2.BORDER_REPLICATE), np.float32)
-        for each in (grey.astype(np.float32), light)
-    )
+    light = np.asarray(cv2.LUT(grey, _linear_light(config.gamma)), np.float32)
+    smooth, smooth_light = (_smoothed(each, config.blur_px) for each in (grey.astype(np.float32), light))
     if config.sharpening > 0.0:
-        amount = config.sharpening * softness(edge_blur_px(smooth, config.blur_px))
-        # Greys stay greys where sharpening overshoots; a slope is one wherever light goes.
-        smooth, smooth_light = np.clip(sharpened(smooth, amount), 0.0, 255.0), sharpened(smooth_light, amount)
+        # Slopes alone: beside an edge that is sharpened greys overshoot, and it is asked what they are.
+        blur_px = edge_blur_px(smooth, config.blur_px) if lens_blur_px is None else lens_blur_px
+        smooth_light = sharpened(smooth_light, config.sharpening * softness(blur_px))
     # A replicated border makes no edge of its own where the part leaves the image.
     gx = cv2.Scharr(smooth_light, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
     gy = cv2.Scharr(smooth_light, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
-    return ImagePatch(cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False), (x0, y0), config.gamma)
+    channels = cv2.merge([gx, gy, smooth]).astype(np.float32, copy=False)
+    return ImagePatch(channels, (x0, y0), config.gamma, config.blur_px)
+
+
+def _smoothed(grey: Float32Array, blur_px: float) -> Float32Array:
+    """(h, w) behind a Gaussian."""
+    # OpenCV takes twice as long over any that is wider than five px; a narrow one has next to nothing beyond them.
+    taps = (5, 5) if blur_px <= _NARROW_PX else (0, 0)
+    return np.asarray(cv2.GaussianBlur(grey, taps, blur_px, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
 @lru_cache(maxsize=8)

@@ -3,7 +3,8 @@
 Where an edge is blurred, its neighbours run into it: a bevel's two edges become one, and what lies between a part and
 the ground is lost. A Gaussian blur can be taken back to some extent, at the price of noise, by adding what a smoother
 copy lacks (unsharp masking). By how much is asked of the picture: a step that is blurred by s px has, behind a Gaussian
-of b px, a slope in inverse proportion to sqrt(s^2 + b^2), so its slopes behind two Gaussians tell s.
+of b px, a slope in inverse proportion to sqrt(s^2 + b^2), so its slopes behind two Gaussians tell s. Who sees many
+pictures of one camera learns it from them (`tracking.learning.lens_blur`).
 (Not in the paper, which takes pictures as they are; see docs/paper-ledger.md.)
 """
 
@@ -15,7 +16,9 @@ import numpy as np
 from acp_lab.geometry.arrays import Float32Array
 
 SHARPEN_PX = 1.5
-"""Standard deviation of the Gaussian that makes the smoother copy."""
+"""Standard deviation of the Gaussian that makes the smoother copy, before its tails are cut off."""
+SHARPEN_TAPS = 5
+"""Width of that Gaussian, px: OpenCV takes twice as long over any that is wider."""
 # Of the second Gaussian, on top of the first.
 _COARSER_PX = 2.0
 # Of the pixels that are looked at, this share is the steepest: edges, whatever else there is.
@@ -23,6 +26,8 @@ _STEEP_SHARE = 0.05
 _LEAST_SIDE = 16
 USUAL_BLUR_PX = 1.2
 """Of a picture in focus: by its pixels, the rims of its parts, and edges that lie side by side."""
+LEAST_SOFTNESS = 0.5
+"""Of a picture as sharp as can be: there is the Gaussian before the gradient to be taken back as well."""
 SOFTEST_PX = 2.5
 """A picture counts as no softer: slopes that are wider are no blurred edges."""
 
@@ -63,15 +68,15 @@ def _slopes(grey: Float32Array, first: int, step: int, end: tuple[int, int]) -> 
 
 
 def softness(blur_px: float) -> float:
-    """By how much more than a picture in focus one is to be sharpened whose edges are blurred by `blur_px`; 1 or more.
+    """How many times as much as a picture in focus one is to be sharpened whose edges are blurred by `blur_px`.
 
-    What sharpening takes back grows with its amount as what a blur takes away does with its square. A picture that is
-    sharper than usual is sharpened all the same: there is the Gaussian before the gradient to be taken back as well.
+    What sharpening takes back grows with its amount as what a blur takes away does with its square.
     """
-    return max(blur_px / USUAL_BLUR_PX, 1.0) ** 2
+    return max((blur_px / USUAL_BLUR_PX) ** 2, LEAST_SOFTNESS)
 
 
 def sharpened(grey: Float32Array, amount: float) -> Float32Array:
-    """(h, w) float32: `amount` times what a copy behind a Gaussian of `SHARPEN_PX` lacks, added."""
-    smoother = cv2.GaussianBlur(grey, (0, 0), SHARPEN_PX, borderType=cv2.BORDER_REPLICATE)
+    """(h, w) float32: `amount` times what a copy behind a Gaussian (`SHARPEN_PX`, `SHARPEN_TAPS`) lacks, added."""
+    taps = (SHARPEN_TAPS, SHARPEN_TAPS)
+    smoother = cv2.GaussianBlur(grey, taps, SHARPEN_PX, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(cv2.addWeighted(grey, 1.0 + amount, smoother, -amount, 0.0), np.float32)

@@ -259,7 +259,12 @@ ACP_EDGES = replace(
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, both_ways=False),
     recovery=SecondTries(),
     learning=SampleLearning(
-        offsets=OffsetConfig(view_deg=0.0, follow_rate=0.0), polarity=Off(), profiles=Off(), blur=Off(), learn_above=0.7
+        offsets=OffsetConfig(view_deg=0.0, follow_rate=0.0),
+        polarity=Off(),
+        profiles=Off(),
+        blur=Off(),
+        lens=Off(),
+        learn_above=0.7,
     ),
     confidence=EDGES_ALONE,
     uncertainty=Off(),

@@ -90,7 +90,7 @@ def test_the_solver_comes_back_to_the_truth(
 def test_a_search_nearby_needs_less_of_the_image_filtered(
     part: Part, model: PreparedPart, frame: Frame, truth: FloatArray
 ) -> None:
-    # How much a picture is sharpened would follow from how much of it is seen.
+    # As long as the lens is not known, how much a picture is sharpened follows from how much of it is seen.
     solver = FrameSolver(model, replace(AS_DRAWN, targets=(NormalSearch(AS_THEY_ARE), *AS_DRAWN.targets[1:])))
     assert isinstance(solver.method.schedule, PixelSchedule)
     near = solver.method.schedule.near

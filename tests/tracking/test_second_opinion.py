@@ -52,7 +52,7 @@ def turned(truth: FloatArray, angle_deg: float, seed: int) -> FloatArray:
     return disturb_pose(truth, sample_model().part.box_centre, angle_deg, 10.0, np.random.default_rng(seed))
 
 
-@pytest.mark.parametrize("seed", [3, 4, 9])
+@pytest.mark.parametrize("seed", [0, 4, 9])
 def test_a_start_that_leads_elsewhere_is_mended(
     model: PreparedPart, frame: Frame, truth: FloatArray, seed: int
 ) -> None:

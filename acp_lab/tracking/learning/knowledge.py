@@ -1,8 +1,8 @@
 """What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
 
-And how far all outlines lie to their bright side, and how far motion smears edges. These five start empty in the first
-frame; what the profile of an image edge says of the CAD's was learnt long before, but for what all edges of the part
-share. Each of the six can be switched off.
+And how far all outlines lie to their bright side, and how far the lens blurs edges and motion smears them. These six
+start empty in the first frame; what the profile of an image edge says of the CAD's was learnt long before, but for what
+all edges of the part share. Each of the seven can be switched off.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOf
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.learning.edge_profiles import EdgeProfiles, EdgeViews, ProfileConfig, ProfileShifts
 from acp_lab.tracking.learning.edge_traits import TraitEvidence
+from acp_lab.tracking.learning.lens_blur import LensBlur, LensConfig
 from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
 from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
@@ -56,6 +57,7 @@ class SampleLearning:
         polarity: how far all outlines are shifted towards their bright side.
         profiles: where the CAD's edge lies beside an image edge, by what that looks like.
         blur: how long the shutter is open, hence how far moving edges are smeared.
+        lens: how far edges are blurred that do not move; off, every picture is asked anew.
         learn_above: share of the running mean quality below which a frame teaches nothing.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
             every sample helps to find the way.
@@ -68,11 +70,12 @@ class SampleLearning:
     polarity: PolarityConfig | Off = field(default_factory=PolarityConfig)
     profiles: ProfileConfig | Off = field(default_factory=ProfileConfig)
     blur: BlurConfig | Off = field(default_factory=BlurConfig)
+    lens: LensConfig | Off = field(default_factory=LensConfig)
     learn_above: float = 0.5
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
-        parts = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles, self.blur)
+        parts = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles, self.blur, self.lens)
         if all(isinstance(part, Off) for part in parts):
             raise TrackingError('learning: all its parts are off: give learning.kind = "off"')
 
@@ -175,6 +178,7 @@ class SampleKnowledge:
         self.polarity: EdgePolarity | None = None
         self.profiles: EdgeProfiles | None = None
         self.blur: MotionBlur | None = None
+        self.lens: LensBlur | None = None
         if not isinstance(config, SampleLearning):
             return
         if isinstance(config.memory, MemoryConfig):
@@ -191,6 +195,8 @@ class SampleKnowledge:
             self.profiles = EdgeProfiles(config.profiles)
         if isinstance(config.blur, BlurConfig):
             self.blur = MotionBlur(config.blur)
+        if isinstance(config.lens, LensConfig):
+            self.lens = LensBlur(config.lens)
 
     def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:
         """(n, m) scores, less for candidates that contradict what their sample looked like."""
@@ -203,6 +209,11 @@ class SampleKnowledge:
             return None
         points_obj = self.edges.points_obj.take(edges.sample_ids, axis=0)
         return self.blur.smear_px(at.lines(points_obj, normals).jacobian @ motion)
+
+    @property
+    def lens_blur_px(self) -> float | None:
+        """How far the camera blurs edges that do not move; None where nobody knows."""
+        return None if self.lens is None else self.lens.blur_px
 
     def read_profiles(
         self, patch: ImagePatch, edges: GeneratedEdges, normals: FloatArray, candidates: Candidates, at: Estimate,
@@ -322,6 +333,8 @@ class SampleKnowledge:
         motion = matches.at.view.motion
         if self.blur is not None and motion is not None:
             self.blur.learn(matches.patch, matches.edges.points, matches.normals, matches.jacobian @ motion)
+        if self.lens is not None:
+            self.lens.learn(matches.patch)
 
 
 @kernel("void(f8[:, ::1], f8, f8, b1[::1])")

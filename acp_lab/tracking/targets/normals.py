@@ -80,7 +80,7 @@ class NormalSearch:
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
         """The target of one frame."""
-        patch = image_patch(view.image, view.edge_box, self.search)
+        patch = image_patch(view.image, view.edge_box, self.search, knowledge.lens_blur_px)
         return NormalTarget(patch, self, knowledge)
 
 

@@ -13,7 +13,7 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.imaging.edge_search import SearchConfig
+from acp_lab.imaging.edge_search import AS_THEY_ARE
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_view import Estimate, FrameView, crop_box
@@ -161,10 +161,10 @@ def test_settings_of_the_search_reach_the_image(at: Estimate, edges: GeneratedEd
     found = {
         name: target_of(at, NormalSearch(search=search), knowledge).search(edges, at, LEVEL)
         for name, search in {
-            "usual": SearchConfig(),
-            "two": SearchConfig(max_candidates=2),
-            "blurred": SearchConfig(blur_px=3.0),
-            "contrast": SearchConfig(contrast=60.0),
+            "usual": AS_THEY_ARE,
+            "two": replace(AS_THEY_ARE, max_candidates=2),
+            "blurred": replace(AS_THEY_ARE, blur_px=3.0),
+            "contrast": replace(AS_THEY_ARE, contrast=60.0),
         }.items()
     }
     assert found["two"].scores.shape[1] == 2 < found["usual"].scores.shape[1]
@@ -173,6 +173,24 @@ def test_settings_of_the_search_reach_the_image(at: Estimate, edges: GeneratedEd
 
 
 # ---- what was learnt -----------------------------------------------------------------------------------------
+
+
+def test_what_is_known_of_the_lens_says_how_much_is_sharpened(
+    at: Estimate, edges: GeneratedEdges, model: PreparedPart
+) -> None:
+    knowledge = SampleKnowledge(SampleLearning(), model)
+    first = target_of(at, NormalSearch(), knowledge)
+    matches = first.search(edges, at, LEVEL).judge(edges, edges, at).matches
+    assert matches is not None
+    knowledge.learn(matches)
+    assert knowledge.lens is not None
+    assert knowledge.lens_blur_px == first.patch.edge_blur_px
+    again = target_of(at, NormalSearch(), knowledge)
+    np.testing.assert_array_equal(again.patch.channels, first.patch.channels)
+    knowledge.lens.blur_px = 2.5
+    softer = target_of(at, NormalSearch(), knowledge)
+    assert np.abs(softer.patch.channels[..., 0]).max() > 1.2 * np.abs(first.patch.channels[..., 0]).max()
+    assert SampleKnowledge(SampleLearning(lens=Off()), model).lens_blur_px is None
 
 
 def test_expected_offsets_move_the_goal(
