@@ -9,8 +9,8 @@ Light adds up before a camera encodes it for displays. Where an edge is blurred,
 encoded grey is steepest towards its dark side: dark parts on bright ground look smaller, the more the faster they move.
 So gradients are taken in linear light; what is said of them is said in grey levels, which is how noise and contrast go.
 
-Cameras differ. The picture is sharpened first, a soft one more (`sharpness`), and of the edges of a faint one, such as
-one in the dark, less contrast is asked.
+Cameras differ. Light is sharpened before its slopes are taken, that of a soft picture more (`sharpness`), and of the
+edges of a faint picture, such as one in the dark, less contrast is asked.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from acp_lab.imaging.sharpness import edge_blur_px, sharpened, softness
 SCHARR_GAIN = 1.0 / 32.0
 # sRGB has about 2.2; many cameras brighten shadows less.
 DISPLAY_GAMMA = 1.8
+# Five taps hold 99% of a Gaussian of this standard deviation.
 _NARROW_PX = 1.0
 # A smear that is longer says little of where the edge is.
 _WIDEST_PX = 12.0
@@ -38,7 +39,7 @@ _DARK = 4.0
 # Of a picture's gradients this share is no edge of anything; every fourth pixel each way tells as much as all.
 _FLAT_SHARE = 0.9
 _STEP = 4
-# Less is asked of an edge, but not much less than noise has: in a picture without edges it would do for the part.
+# Of the usual contrast: in a picture without any edges its noise would pass for those of the part, were less asked.
 _FAINTEST = 0.25
 
 
@@ -53,8 +54,8 @@ class SearchConfig:
         gamma: linear light is the grey level to this power; 1 to take grey levels as they are.
         faint_below: a picture whose steep gradients (`ImagePatch.steepness`) are below so many grey levels per px is
             faint as a whole, and less contrast is asked of its edges: in the square of the ratio. 0 for never.
-        sharpening: how many times what a smoother copy of the picture lacks is added to it, after the Gaussian; as
-            many times more as its edges are softer than usual (`sharpness.softness`). 0 for a picture as it is.
+        sharpening: how many times what a smoother copy lacks is added to the light of a picture in focus, after the
+            Gaussian; to that of another by its `sharpness.softness`. 0 for a picture as it is.
     """
 
     blur_px: float = 1.0
@@ -91,7 +92,8 @@ class ImagePatch:
     """The part of a frame in which edges are searched.
 
     Attributes:
-        channels: (h, w, 3) float32: gradient x, gradient y (of linear light from 0 to 255, per px), smoothed grey.
+        channels: (h, w, 3) float32: gradient x, gradient y (of linear light from 0 to 255, sharpened, per px), smoothed
+            grey, which is not sharpened.
         origin: (x, y) of the patch's first pixel in the full image.
         gamma, blur_px: see `SearchConfig`.
     """
@@ -111,8 +113,8 @@ class ImagePatch:
         return float(np.partition(slopes, place)[place])
 
     @property
-    def edge_blur_px(self) -> float:
-        """How far its steepest edges are blurred, see `sharpness.edge_blur_px`; greys are not sharpened."""
+    def edge_blur_px(self) -> float | None:
+        """How far its steepest edges are blurred, see `sharpness.edge_blur_px`."""
         return edge_blur_px(np.ascontiguousarray(self.channels[..., 2]), self.blur_px)
 
 
@@ -146,7 +148,8 @@ def image_patch(
         image: (h, w, 3) uint8 RGB.
         box: (x0, y0, x1, y1) px, x1 and y1 excluded; cut to the image.
         config: how it is smoothed, sharpened and decoded; None for the defaults.
-        lens_blur_px: how far the camera blurs edges, on which it depends how much is sharpened; None to ask the image.
+        lens_blur_px: standard deviation of the camera's own blur, 0 or more, by which light is sharpened; None to ask
+            the image.
     """
     config = SearchConfig() if config is None else config
     height, width = image.shape[:2]
@@ -158,8 +161,8 @@ def image_patch(
     smooth, smooth_light = (_smoothed(each, config.blur_px) for each in (grey.astype(np.float32), light))
     if config.sharpening > 0.0:
         # Slopes alone: beside an edge that is sharpened greys overshoot, and it is asked what they are.
-        blur_px = edge_blur_px(smooth, config.blur_px) if lens_blur_px is None else lens_blur_px
-        smooth_light = sharpened(smooth_light, config.sharpening * softness(blur_px))
+        softness_here = softness(edge_blur_px(smooth, config.blur_px) if lens_blur_px is None else lens_blur_px)
+        smooth_light = sharpened(smooth_light, config.sharpening * softness_here)
     # A replicated border makes no edge of its own where the part leaves the image.
     gx = cv2.Scharr(smooth_light, cv2.CV_32F, 1, 0, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
     gy = cv2.Scharr(smooth_light, cv2.CV_32F, 0, 1, scale=SCHARR_GAIN, borderType=cv2.BORDER_REPLICATE)
@@ -169,7 +172,7 @@ def image_patch(
 
 def _smoothed(grey: Float32Array, blur_px: float) -> Float32Array:
     """(h, w) behind a Gaussian."""
-    # OpenCV takes twice as long over any that is wider than five px; a narrow one has next to nothing beyond them.
+    # OpenCV takes twice as long over more than five taps.
     taps = (5, 5) if blur_px <= _NARROW_PX else (0, 0)
     return np.asarray(cv2.GaussianBlur(grey, taps, blur_px, borderType=cv2.BORDER_REPLICATE), np.float32)
 

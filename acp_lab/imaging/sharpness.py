@@ -24,6 +24,8 @@ _COARSER_PX = 2.0
 # Of the pixels that are looked at, this share is the steepest: edges, whatever else there is.
 _STEEP_SHARE = 0.05
 _LEAST_SIDE = 16
+# Grey levels per px: what is no steeper is no edge, nor is it noise that hides one.
+_FLAT = 0.25
 USUAL_BLUR_PX = 1.2
 """Of a picture in focus: by its pixels, the rims of its parts, and edges that lie side by side."""
 LEAST_SOFTNESS = 0.5
@@ -32,16 +34,16 @@ SOFTEST_PX = 2.5
 """A picture counts as no softer: slopes that are wider are no blurred edges."""
 
 
-def edge_blur_px(smooth: Float32Array, blur_px: float) -> float:
-    """Standard deviation of the blur of a picture's steepest edges, from 0 to `SOFTEST_PX`.
+def edge_blur_px(smooth: Float32Array, blur_px: float) -> float | None:
+    """Standard deviation, px, of the blur of a picture's steepest edges, from 0 to `SOFTEST_PX`.
 
-    Of a picture under 16 px wide or high nothing can be told: 0.
+    None where nothing can be told: of a picture under 16 px wide or high, or one without edges.
 
     smooth: (h, w) float32 grey, behind a Gaussian of `blur_px`, which does not count.
     """
     height, width = smooth.shape
     if min(height, width) < _LEAST_SIDE:
-        return 0.0
+        return None
     # Every second pixel each way tells as much as all; of fewer, upright edges may all lie between two.
     half = np.ascontiguousarray(smooth[::2, ::2])
     coarse = np.asarray(cv2.GaussianBlur(half, (0, 0), 0.5 * _COARSER_PX, borderType=cv2.BORDER_REPLICATE), np.float32)
@@ -50,6 +52,8 @@ def edge_blur_px(smooth: Float32Array, blur_px: float) -> float:
     coarse_slopes = 0.5 * _slopes(coarse, 1, 1, ((height - 2) // 2, (width - 2) // 2))
     place = int((1.0 - _STEEP_SHARE) * fine_slopes.size)
     steep = np.argpartition(fine_slopes, place)[place:]
+    if not fine_slopes[steep].min() > _FLAT:
+        return None
     ratio = float(np.median(fine_slopes[steep] / np.maximum(coarse_slopes[steep], 1e-6))) ** 2
     if ratio <= 1.0:
         return SOFTEST_PX
@@ -67,12 +71,15 @@ def _slopes(grey: Float32Array, first: int, step: int, end: tuple[int, int]) -> 
     return np.asarray(0.5 * np.hypot(across, along), np.float32).ravel()
 
 
-def softness(blur_px: float) -> float:
+def softness(blur_px: float | None) -> float:
     """How many times as much as a picture in focus one is to be sharpened whose edges are blurred by `blur_px`.
 
-    What sharpening takes back grows with its amount as what a blur takes away does with its square.
+    What sharpening takes back grows with its amount as what a blur takes away does with its square. None, of whose blur
+    nothing is known, counts as in focus; what is softer than `SOFTEST_PX`, as that.
     """
-    return max((blur_px / USUAL_BLUR_PX) ** 2, LEAST_SOFTNESS)
+    if blur_px is None:
+        return 1.0
+    return max((min(blur_px, SOFTEST_PX) / USUAL_BLUR_PX) ** 2, LEAST_SOFTNESS)
 
 
 def sharpened(grey: Float32Array, amount: float) -> Float32Array:

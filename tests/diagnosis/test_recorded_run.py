@@ -22,3 +22,4 @@ def test_states_are_those_of_the_tracker_from_the_first_frame_on(noise: int) -> 
     again = run_from_rows(run.rows, sequence, {1: part}, "acp")
     assert [result.state for result in again.results[1]] == [result.state for result in run.results[1]]
     assert first_loss(again.results[1]) == 0
+    assert run.results[1][0].quality < 0.15

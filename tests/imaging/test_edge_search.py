@@ -349,7 +349,7 @@ def test_less_is_asked_of_the_edges_of_a_faint_picture() -> None:
 def test_something_is_asked_of_a_picture_without_edges() -> None:
     flat = whole(np.full((HEIGHT, WIDTH, 3), 90, np.uint8), ACP)
     assert flat.steepness == pytest.approx(0.0, abs=1e-3)
-    assert 0.0 < ACP.contrast_in(flat) < 0.3 * ACP.contrast
+    assert ACP.contrast_in(flat) == pytest.approx(0.25 * ACP.contrast)
     assert replace(ACP, faint_below=0.0).contrast_in(flat) == ACP.contrast
 
 
@@ -397,11 +397,11 @@ def test_sharpening_finds_both_edges_where_a_lens_made_one_of_them() -> None:
     image = np.clip(first + second - 40, 0, 255).astype(np.uint8)
     off = {}
     for config in (CONFIG, ACP):
-        patch = whole(image, config)
+        patch = image_patch(image, (0, 0, WIDTH, HEIGHT), config, lens_blur_px=2.0)
         found = search_along_normals(patch, np.array([[32.0, 24.0]]), np.array([[1.0, 0.0]]), 8, config)
         best = np.sort(found.offsets[0, np.argsort(-found.scores[0])[:2]])
         off[config] = np.abs(best - [left - 32.0, right - 32.0]).max()
-    assert off[ACP] < 0.95 * off[CONFIG]
+    assert off[ACP] < 0.75 * off[CONFIG]
 
 
 def test_greys_are_not_sharpened() -> None:

@@ -18,6 +18,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_view import Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge, SampleLearning
+from acp_lab.tracking.learning.lens_blur import LensBlur
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.sources.rigid import RigidSource
 from acp_lab.tracking.targets import QUALITY_SIGMA_PX
@@ -176,7 +177,7 @@ def test_settings_of_the_search_reach_the_image(at: Estimate, edges: GeneratedEd
 
 
 def test_what_is_known_of_the_lens_says_how_much_is_sharpened(
-    at: Estimate, edges: GeneratedEdges, model: PreparedPart
+    at: Estimate, edges: GeneratedEdges, model: PreparedPart, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     knowledge = SampleKnowledge(SampleLearning(), model)
     first = target_of(at, NormalSearch(), knowledge)
@@ -187,7 +188,7 @@ def test_what_is_known_of_the_lens_says_how_much_is_sharpened(
     assert knowledge.lens_blur_px == first.patch.edge_blur_px
     again = target_of(at, NormalSearch(), knowledge)
     np.testing.assert_array_equal(again.patch.channels, first.patch.channels)
-    knowledge.lens.blur_px = 2.5
+    monkeypatch.setattr(LensBlur, "blur_px", 2.5)
     softer = target_of(at, NormalSearch(), knowledge)
     assert np.abs(softer.patch.channels[..., 0]).max() > 1.2 * np.abs(first.patch.channels[..., 0]).max()
     assert SampleKnowledge(SampleLearning(lens=Off()), model).lens_blur_px is None
