@@ -9,15 +9,16 @@ import pytest
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.imaging.edge_search import AS_THEY_ARE, ImagePatch, image_patch
+from acp_lab.imaging.edge_search import AS_THEY_ARE, ImagePatch, SearchConfig, image_patch
 from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
 
 WIDTH, HEIGHT = 160, 120
 GAMMA = 1.8
 SEARCH = replace(AS_THEY_ARE, gamma=GAMMA)
+SHARPENED = SearchConfig(gamma=GAMMA)
 
 
-def stripes(smear_px: float, seed: int = 0) -> tuple[ImagePatch, FloatArray, FloatArray]:
+def stripes(smear_px: float, seed: int = 0, search: SearchConfig = SEARCH) -> tuple[ImagePatch, FloatArray, FloatArray]:
     """An image of upright edges that moved sideways by smear_px, points on these, and their normals."""
     fine, rng = 8, np.random.default_rng(seed)
     x = (np.arange(WIDTH * fine) + 0.5) / fine - 0.5
@@ -30,14 +31,15 @@ def stripes(smear_px: float, seed: int = 0) -> tuple[ImagePatch, FloatArray, Flo
     rows = np.arange(10.0, HEIGHT - 10.0, 3.0)
     points = np.array([[at, y] for at in places for y in rows])
     normals = np.tile([1.0, 0.0], (len(points), 1))
-    return image_patch(image, (0, 0, WIDTH, HEIGHT), SEARCH), points, normals
+    return image_patch(image, (0, 0, WIDTH, HEIGHT), search), points, normals
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.9])
 @pytest.mark.parametrize("motion_px", [12.0, -18.0])
 @pytest.mark.parametrize("off_px", [0.0, 1.5])
-def test_the_share_is_told(share: float, motion_px: float, off_px: float) -> None:
-    patch, points, normals = stripes(share * abs(motion_px))
+@pytest.mark.parametrize("search", [SEARCH, SHARPENED], ids=["as it is", "sharpened"])
+def test_the_share_is_told(share: float, motion_px: float, off_px: float, search: SearchConfig) -> None:
+    patch, points, normals = stripes(share * abs(motion_px), search=search)
     blur = MotionBlur(BlurConfig())
     blur.learn(patch, points + np.array([off_px, 0.0]), normals, np.full(len(points), motion_px))
     # An edge at rest is itself as wide as a share of .1 of such motions.
