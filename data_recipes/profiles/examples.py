@@ -22,8 +22,8 @@ from data_recipes.profiles.stills import Stills, read_stills
 
 # As the tracker's last level searches and what it takes for noise.
 _REACH_PX, _LEAST_SCORE = 6, 0.02
-# The network that comes with the package has learnt from pictures that are not sharpened; from sharpened ones it does not
-# learn to track any better.
+# The network that comes with the package has learnt from pictures that are not sharpened. With one that has learnt from
+# sharpened ones parts are tracked no better.
 _SEARCH = AS_THEY_ARE
 _ANY_PX = 1e6
 # A candidate farther off is another edge.
