@@ -131,7 +131,7 @@ def test_a_tracker_goes_on_through_a_step_that_it_would_be_lost_at() -> None:
     part = bracket()
     truths = poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3), 12)
     images = [draw([(part, pose)], seed, LARGE) for seed, pose in enumerate(truths)]
-    images = [image if k < 5 else dimmed(image, 0.05) for k, image in enumerate(images)]
+    images = [image if k < 5 else dimmed(image, 0.03) for k, image in enumerate(images)]
     model, worst, states = prepared(part), dict[str, float](), dict[str, set[TrackState]]()
     for name, method in {"with": ACP, "without": replace(ACP, tones=Off())}.items():
         tracker = Tracker(model, method)
