@@ -24,7 +24,7 @@ _COARSER_PX = 2.0
 # Of the pixels that are looked at, this share is the steepest: edges, whatever else there is.
 _STEEP_SHARE = 0.05
 _LEAST_SIDE = 16
-# Grey levels per px: what is no steeper is no edge, nor is it noise that hides one.
+# Grey levels per px: what is no steeper is no edge, and the tails of those that are look softer than these.
 _FLAT = 0.25
 USUAL_BLUR_PX = 1.2
 """Of a picture in focus: by its pixels, the rims of its parts, and edges that lie side by side."""
@@ -37,7 +37,7 @@ SOFTEST_PX = 2.5
 def edge_blur_px(smooth: Float32Array, blur_px: float) -> float | None:
     """Standard deviation, px, of the blur of a picture's steepest edges, from 0 to `SOFTEST_PX`.
 
-    None where nothing can be told: of a picture under 16 px wide or high, or one without edges.
+    None where nothing can be told: of a picture under 16 px wide or high, or one that is flat but for a few pixels.
 
     smooth: (h, w) float32 grey, behind a Gaussian of `blur_px`, which does not count.
     """

@@ -77,6 +77,14 @@ def test_a_picture_without_edges_tells_nothing() -> None:
     assert edge_blur_px(shaded, SMOOTHING_PX) is None
 
 
+def test_a_single_edge_in_a_wide_flat_picture_tells_nothing() -> None:
+    """Its tails would count, and they look soft."""
+    wide = np.full((160, 640), 180.0, np.float32)
+    wide[:, :50] = steps(1.6)[:, 15:65]
+    assert edge_blur_px(wide, SMOOTHING_PX) is None
+    assert edge_blur_px(np.ascontiguousarray(wide[:, :60]), SMOOTHING_PX) == pytest.approx(1.6, abs=0.3)
+
+
 def slope_at_edges(grey: Float32Array) -> float:
     return float(np.abs(np.diff(grey, axis=1)).max())
 
