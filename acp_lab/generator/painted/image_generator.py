@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from acp_lab.errors import PaintingFrameError, PreparationError
-from acp_lab.generator.device import Device, torch_device
+from acp_lab.generator.device import Device, repeatable_convolutions, torch_device
 from acp_lab.generator.one_thread import one_thread
 from acp_lab.generator.painted.edge_images import PaintingFrame
 from acp_lab.geometry.arrays import Float32Array, FloatArray
@@ -108,7 +108,7 @@ class AutoencoderGenerator:
     def __init__(
         self, autoencoders: Mapping[int, RegionAutoencoder], part_name: str = "part", device: Device = "cpu"
     ) -> None:
-        """device: one image at a time is painted no faster by a GPU; a thousand are."""
+        """device: of the networks; one image at a time is painted no faster by a GPU, a thousand are."""
         if not autoencoders:
             raise PreparationError(f"{part_name}: no auto-encoder; run acp-lab prepare with --generator autoencoder")
         self._stored = dict(autoencoders)
@@ -169,7 +169,7 @@ class AutoencoderGenerator:
         networks = self._loaded(region)
         import torch
 
-        with one_thread(), torch.inference_mode():
+        with one_thread(), repeatable_convolutions(networks.device), torch.inference_mode():
             logits = networks.decoder(torch.from_numpy(np.asarray(latent_codes, np.float32)).to(networks.device))
             images: Float32Array = torch.sigmoid(logits)[:, 0].cpu().numpy()
         return images
@@ -189,7 +189,7 @@ class AutoencoderGenerator:
             image = torch.sigmoid(networks.decoder(code))[0, 0]
             return image, image
 
-        with one_thread(), torch.no_grad():
+        with one_thread(), repeatable_convolutions(networks.device), torch.no_grad():
             inputs = torch.from_numpy(np.asarray(canonical_points, np.float32).reshape(8)).to(networks.device)
             derivatives, image = torch.func.jacfwd(with_value, has_aux=True)(inputs)
         return image.cpu().numpy(), derivatives.contiguous().cpu().numpy()
@@ -205,9 +205,9 @@ class AutoencoderGenerator:
 
     def _loaded(self, region: int) -> _Networks:
         if region not in self._networks:
-            stored = self._region(region)
+            stored, on = self._region(region), torch_device(self._device)
             try:
-                self._networks[region] = _load(stored, self._device)
+                self._networks[region] = _load(stored, on)
             except (RuntimeError, PreparationError) as error:  # torch's words for missing and misshapen weights
                 raise PreparationError(
                     f"{self._part_name}: the auto-encoder of view region {region} is damaged "
@@ -216,14 +216,13 @@ class AutoencoderGenerator:
         return self._networks[region]
 
 
-def _load(stored: RegionAutoencoder, device: Device) -> _Networks:
+def _load(stored: RegionAutoencoder, on: torch.device) -> _Networks:
     import torch
 
     from acp_lab.generator.painted.autoencoder import Decoder
     from acp_lab.generator.painted.config import NetworkShape
     from acp_lab.generator.painted.latent_regressor import LatentRegressor
 
-    on = torch_device(device)
     size, latent, coarse, middle, fine, hidden, _ = stored.sizes.tolist()
     shape = NetworkShape(size, latent, (coarse, middle, fine), hidden)
     with torch.random.fork_rng(devices=[]):

@@ -34,7 +34,7 @@ def orthogonalised(matrix: Tensor, iterations: int = 5) -> Tensor:
     wide = matrix.T if matrix.shape[0] > matrix.shape[1] else matrix
     wide = wide / (wide.norm() + 1e-7)
     gram = wide @ wide.T
-    identity = torch.eye(len(gram), dtype=gram.dtype)
+    identity = torch.eye(len(gram), dtype=gram.dtype, device=gram.device)
     product = identity
     for k in range(iterations):
         round_ = a * identity + b * gram + c * gram @ gram
@@ -51,7 +51,7 @@ class OrthogonalSteps:
     def __init__(self, parameters: Iterable[torch.nn.Parameter]) -> None:
         self.parameters = list(parameters)
         self.first = [torch.zeros_like(p) for p in self.parameters]
-        self.second = [torch.zeros_like(p) if p.ndim < 2 else torch.zeros(0) for p in self.parameters]
+        self.second = [torch.zeros_like(p) if p.ndim < 2 else p.new_zeros(0) for p in self.parameters]
         self.count = 0
         self._costly_first = sorted(range(len(self.parameters)), key=lambda k: -_cost(self.parameters[k]))
 

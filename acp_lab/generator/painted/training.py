@@ -103,7 +103,7 @@ def train_autoencoder(
     }
     on = torch_device(device)
     # This thread's own share of the work is small.
-    with one_thread(), denormals_as_zeros(), repeatable_convolutions(), two_threads() as workers:
+    with one_thread(), denormals_as_zeros(), repeatable_convolutions(on), two_threads() as workers:
         training = _RegionTraining(part, caster, region, points, config, seed, checkpoint, on)
         training.run(workers, progress, watch)
         return training.result()

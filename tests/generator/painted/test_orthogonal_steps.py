@@ -56,3 +56,13 @@ def test_the_polynomial_is_that_of_the_method() -> None:
         gram = made @ made.T
         made = 3.4445 * made + (-4.7750 * gram + 2.0315 * gram @ gram) @ made
     torch.testing.assert_close(orthogonalised(wide), made, rtol=1e-9, atol=1e-9)
+
+
+def test_all_of_it_happens_on_the_device_of_the_parameters() -> None:
+    """Shown by a device without memory, which every machine has: tensors of the CPU cannot be mixed with its own."""
+    for shape in ((4, 9), (9, 4)):
+        layer = torch.nn.Linear(*shape, device="meta")
+        steps = OrthogonalSteps(layer.parameters())
+        loss = layer(torch.randn(7, shape[0], device="meta")).square().mean()
+        steps.step(torch.autograd.grad(loss, steps.parameters), 0.1)
+        assert {state.device.type for state in (*steps.first, *steps.second)} == {"meta"}
