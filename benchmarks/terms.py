@@ -76,6 +76,11 @@ def without() -> dict[str, Method]:
         "shifts to the bright side": replace(ACP, learning=SampleLearning(polarity=Off())),
         "shared image edges": replace(ACP, targets=(replace(edges, sharing=Off()), *others)),
         "linear light": replace(ACP, targets=(replace(edges, search=replace(edges.search, gamma=1.0)), *others)),
+        "sharpening": replace(ACP, targets=(replace(edges, search=replace(edges.search, sharpening=0.0)), *others)),
+        "the lens learnt": replace(ACP, learning=SampleLearning(lens=Off())),
+        "less asked of faint pictures": replace(
+            ACP, targets=(replace(edges, search=replace(edges.search, faint_below=0.0)), *others)
+        ),
         "the trusted start": replace(ACP, start=Off()),
         "agreement both ways": replace(ACP, start=TrustedStart(both_ways=False)),
         "alternatives": replace(ACP, recovery=Off()),
