@@ -7,7 +7,9 @@ side by side.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, TypeVar, cast
 
 import numba
@@ -22,5 +24,30 @@ def kernel(*signatures: str, fastmath: frozenset[str] = frozenset()) -> Callable
     its own file changes, not when that one does. fastmath: LLVM's flags for sums in another order and the like; none
     that forgets NaN, which marks what is not known.
     """
-    compiled = numba.njit(list(signatures), cache=True, nogil=True, error_model="numpy", fastmath=set(fastmath))
-    return cast("Callable[[Function], Function]", compiled)
+
+    def compiled(function: Function) -> Function:
+        def made(cache: bool) -> Function:
+            decorate = numba.njit(
+                list(signatures), cache=cache, nogil=True, error_model="numpy", fastmath=set(fastmath)
+            )
+            return cast("Function", decorate(function))
+
+        try:
+            return made(cache=True)
+        except RuntimeError as error:  # Numba's, where neither the package nor the user's folder can be written
+            if "cannot cache" not in str(error):
+                raise
+            _say_that_nothing_is_kept()
+            return made(cache=False)
+
+    return compiled
+
+
+@lru_cache(maxsize=1)
+def _say_that_nothing_is_kept() -> None:
+    warnings.warn(
+        "compiled code cannot be kept, so it is compiled again at every start, which takes a minute: "
+        "set NUMBA_CACHE_DIR to a folder that you can write",
+        UserWarning,
+        stacklevel=2,
+    )

@@ -40,8 +40,8 @@ def only_writer(path: Path, what: str = "the file") -> Iterator[None]:
         raise InputFileError(
             f"{path}: another acp-lab is writing {what}: wait until it is done, or choose another place"
         ) from None
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
+    except (OSError, NotImplementedError) as error:  # the second from file systems that know no locks
+        reason = getattr(error, "strerror", None) or type(error).__name__
         raise InputFileError(f"{path}: {what} cannot be written ({reason}): choose another place") from None
     try:
         remove_leftovers(path)

@@ -70,6 +70,7 @@ def prepare(
     """
     check_kind(part, Part, "part", "acp.Part.from_file('bracket.ply')")
     options = options or PrepareOptions()
+    check_kind(options, PrepareOptions, "options", "acp.PrepareOptions('both', fast=True) or the like")
     check_device(options)  # before anything is stored: a refusal leaves no trace
     if out is None:
         return _prepare(part, options, None, progress)

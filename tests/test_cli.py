@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -214,3 +215,15 @@ def test_main_takes_words_or_the_command_line(
     monkeypatch.setattr(sys, "argv", ["acp-lab", "--help"])
     assert main() == 0
     assert "Usage: acp-lab" in capsys.readouterr().out
+
+
+def test_other_packages_warnings_are_no_notes(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the checkout's folder, with the environment in it, is called acp_lab."""
+    monkeypatch.delenv("ACP_LAB_DEBUG", raising=False)
+    with console.warnings_as_notes():
+        warnings.warn_explicit("nobody's", UserWarning, str(tmp_path / "acp_lab" / "lib" / "torch.py"), 1)
+        warnings.warn_explicit("one of ours", UserWarning, str(Path(console.__file__).parents[1] / "units.py"), 1)
+    console.release_notes()
+    assert capsys.readouterr().err == "note: one of ours\n"

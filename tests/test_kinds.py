@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import acp_lab as acp
+from acp_lab.display.widgets import LossLandscape, ManipulationExplorer, PoseAligner, TrackPlayer
 from acp_lab.errors import AcpLabError
+from acp_lab.sequences.frame import Frame
 from tests.prepared_sample import sample_model, sample_scene
 
 WRONG: dict[str, tuple[Any, str]] = {
@@ -35,8 +37,37 @@ WRONG: dict[str, tuple[Any, str]] = {
         lambda: acp.detect("parts/bracket", sample_scene().frame(0)),  # type: ignore[arg-type]
         "model is a str 'parts/bracket', no PreparedPart",
     ),
+    "prepare as it is called": (lambda: acp.prepare(sample_model().part, "fast"), "options is a str 'fast'"),  # type: ignore[arg-type]
+    "track": (lambda: _started().track(sample_scene().frame(1).image), r"frame is a ndarray, no Frame"),  # type: ignore[union-attr]
+    "show": (lambda: acp.show("run.rrd"), "run is a str 'run.rrd', no TrackRun: .*acp-lab replay"),  # type: ignore[arg-type]
+    "explain": (lambda: acp.explain("results.csv", 0), "run is a str 'results.csv', no TrackRun"),  # type: ignore[arg-type]
+    "TrackPlayer": (lambda: TrackPlayer("results.csv"), "run is a str 'results.csv', no TrackRun"),  # type: ignore[arg-type]
+    "PoseAligner": (
+        lambda: PoseAligner(sample_model(), sample_scene().frame(0).image),  # type: ignore[union-attr]
+        "frame is a ndarray, no Frame",
+    ),
+    "LossLandscape": (
+        lambda: LossLandscape(sample_model(), sample_scene().frame(0).image, np.eye(4)),  # type: ignore[union-attr]
+        "frame is a ndarray, no Frame",
+    ),
+    "ManipulationExplorer": (
+        lambda: ManipulationExplorer(sample_model(), sample_scene().camera(0), sample_scene().first_pose[:3]),
+        r"the reference pose: no pose of shape \(4, 4\)",
+    ),
+    "ManipulationExplorer of a part around the camera": (
+        lambda: ManipulationExplorer(sample_model(), sample_scene().camera(0), np.eye(4)),
+        "inside",
+    ),
+    "Replay": (lambda: acp.Replay("run.rrd", iterations="some"), "iterations = 'some': give one of off, failures, all"),  # type: ignore[arg-type]
     "open_images": (lambda: acp.open_images("frames", "CAMERA.json"), r"camera is a str .*Camera.from_json"),  # type: ignore[arg-type]
 }
+
+
+def _started() -> acp.Tracker:
+    frame, tracker = sample_scene().frame(0), acp.Tracker(sample_model())
+    assert isinstance(frame, Frame)
+    tracker.start(frame, sample_scene().first_pose)
+    return tracker
 
 
 @pytest.mark.parametrize(("call", "told"), WRONG.values(), ids=WRONG.keys())

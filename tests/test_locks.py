@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from acp_lab.errors import InputFileError
 from acp_lab.files import write_whole
@@ -104,3 +105,16 @@ def test_a_pipe_is_no_place_to_write(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match=r"a\.csv: is a pipe"), only_writer(tmp_path / "a.csv"):
         pass
     assert names(tmp_path) == ["a.csv"]
+
+
+@pytest.mark.parametrize("error", [NotImplementedError("no flock"), OSError(37, "No locks available")])
+def test_a_place_that_knows_no_locks_is_told_as_such(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(lock: FileLock) -> None:
+        raise error
+
+    monkeypatch.setattr(FileLock, "acquire", refuse)
+    refused = pytest.raises(InputFileError, match=r"cannot be written .*: choose another place")
+    with refused, only_writer(tmp_path / "a"):
+        pass

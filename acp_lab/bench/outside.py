@@ -54,22 +54,26 @@ def outside_runs(path: Path, roots: Mapping[str, Path], split: str = "test") -> 
     if not by_sequence:
         raise InputFileError(f"{path}: has no rows: give the results of a tracker")
     return [
-        _run(tracker, dataset, split, scene_id, object_id, rows)
+        _run(path, tracker, dataset, split, scene_id, object_id, rows)
         for (scene_id, object_id), rows in sorted(by_sequence.items())
     ]
 
 
 def _run(
-    tracker: str, dataset: BopDataset, split: str, scene_id: int, object_id: int, rows: dict[int, ResultRow]
+    path: Path, tracker: str, dataset: BopDataset, split: str, scene_id: int, object_id: int, rows: dict[int, ResultRow]
 ) -> Run:
+    if scene_id not in dataset.scenes(split):
+        raise SequenceError(f"{path}: scene {scene_id}: {dataset.root / split} has none of it: remove its rows")
     scene = dataset.open_scene(scene_id, split)
     unknown = sorted(set(rows) - set(scene.frame_ids))
     if unknown:
-        raise SequenceError(f"{tracker}: {scene.folder}: no image {unknown[0]}, of which there are results: remove it")
+        raise SequenceError(
+            f"{path}: image {unknown[0]} of scene {scene_id}: {scene.folder} has none of it: remove its row"
+        )
     known = {frame_id: scene.truth(frame_id, object_id) for frame_id in scene.frame_ids[1:]}
     truth = {frame_id: pose for frame_id, pose in known.items() if pose is not None}
     if not truth:
-        raise SequenceError(f"{tracker}: {scene.folder}: no truth of object {object_id}: remove its rows")
+        raise SequenceError(f"{path}: object {object_id}: {scene.folder} has no truth of it: remove its rows")
     part = dataset.part(object_id)
     errors = frame_errors(part, truth, rows)
     count = len(truth)

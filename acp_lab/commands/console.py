@@ -13,8 +13,10 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TextIO
 
+_PACKAGE = Path(__file__).resolve().parents[1]
 _held: list[str] = []
 
 
@@ -75,7 +77,7 @@ def warnings_as_notes() -> Iterator[None]:
         line: str | None = None,
     ) -> None:
         # NumPy's floating-point warnings come from our lines too, but nobody meant them for the user.
-        if "acp_lab" in filename and "encountered in" not in str(message):
+        if Path(filename).resolve().is_relative_to(_PACKAGE) and "encountered in" not in str(message):
             note(str(message))
 
     with warnings.catch_warnings():

@@ -178,10 +178,8 @@ def _objects(dataset: BopDataset, scene: BopScene, options: DetectOptions) -> li
     """The ids that a scene's truth names, no more of it; without truth those whose part is prepared."""
     from acp_lab.prepared_part import check_holds_parts
 
-    if scene.ground_truth is not None:
-        named = {i for frame_id in scene.frame_ids for i in scene.ground_truth.in_frame(frame_id)}
-        if named:
-            return sorted(named)
+    if named := scene.objects_in(scene.frame_ids):
+        return list(named)
     prepared = [i for i in dataset.models() if (options.parts / dataset.part_path(i).stem / "part.json").is_file()]
     if not prepared:
         check_holds_parts(options.parts)

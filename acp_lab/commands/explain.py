@@ -16,6 +16,7 @@ from acp_lab.errors import InputFileError, SequenceError, TrackingError
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
+    from acp_lab.diagnosis.diagnosis import Diagnosis
     from acp_lab.sequences.protocol import Sequence
     from acp_lab.tracking.session import TrackRun
     from acp_lab.tracking.states import StateConfig
@@ -51,7 +52,7 @@ def explain_run(options: ExplainOptions) -> None:
     object_id = next(iter(run.results)) if options.object_id is None else options.object_id
     frame = _most_telling(run, object_id) if options.frame is None else options.frame
     explanation = explain(run, frame, object_id)
-    picture = options.out or results.with_name(f"{results.stem}.frame{explanation.diagnosis.frame}.png")
+    picture = options.out or _picture_beside(results, run, explanation.diagnosis)
     _check_keeps_images(picture, run.sequence)
     explanation.save(picture)
     print(_verdict(run, object_id))
@@ -148,6 +149,18 @@ def _results_file(source: Path) -> Path:
     )
 
 
+def _picture_beside(results: Path, run: TrackRun, diagnosis: Diagnosis) -> Path:
+    """Where the picture of a frame goes; of results of several scenes or objects each has its own."""
+    from acp_lab.sequences.results_csv import read_results, run_info_path
+
+    name = run_info_path(results).name.removesuffix(".run.json")
+    if len({row.scene_id for row in read_results(results)}) > 1:
+        name += f".scene{run.scene_id}"
+    if len(run.results) > 1:
+        name += f".object{diagnosis.object_id}"
+    return results.with_name(f"{name}.frame{diagnosis.frame}.png")
+
+
 def _results_of(info: Path) -> Path:
     """The results file that the run information stands beside."""
     results = info.with_name(info.name.removesuffix(".run.json"))
@@ -235,6 +248,11 @@ def _tracked(
         if missing:
             raise InputFileError(f"{path}: names a video, but no {missing[0]} in options: {_NOT_OURS}")
         mesh, camera, video = (folder / str(tracked[name]) for name in ("mesh", "camera", "video"))
+        if str(tracked["video"]).isdigit() and not video.exists():
+            raise InputFileError(
+                f"{results}: live camera {tracked['video']} was tracked, whose images are gone: record a video, and "
+                "track that to explain it"
+            )
         part = _part_of_video(mesh, folder / str(tracked.get("parts")))
         return open_images(video, Camera.from_json(camera)), {1: part}
     if dataset is None and tracked.get("dataset"):

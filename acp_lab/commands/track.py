@@ -257,15 +257,25 @@ def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob
 def _found_jobs(
     options: TrackOptions, dataset: BopDataset, scenes: list[BopScene], shelf: PartShelf
 ) -> tuple[SceneJob, ...]:
-    """Jobs whose start poses are found in the images; of the truth only the ids of the objects are asked for."""
-    wanted = {scene.scene_id: dict.fromkeys(scene.object_ids or dataset.models()) for scene in scenes}
+    """Jobs whose start poses are found in the images; of their truth only the ids of the objects are asked for."""
+    from acp_lab.commands.auto_start import FRAMES_TO_TRY
+
+    wanted = dict[int, tuple[int, ...]]()
     for scene in scenes:
+        looked_at = _from_first_start(options, scene).frame_ids[:FRAMES_TO_TRY]
+        wanted[scene.scene_id] = scene.objects_in(looked_at) or tuple(dataset.models())
         if not wanted[scene.scene_id]:
             raise InputFileError(
-                f"{dataset.root / 'models'}: holds no mesh, and the first frame of {scene.folder} has no truth that "
+                f"{dataset.root / 'models'}: holds no mesh, and the first frames of {scene.folder} have no truth that "
                 "names objects: nothing to look for: put the meshes there, as obj_000001.ply"
             )
-    _check_all_found(options.objects, wanted.values())
+    known = sorted({object_id for ids in wanted.values() for object_id in ids})
+    for object_id in options.objects:
+        if object_id not in known:
+            raise SequenceError(
+                f"--object {object_id}: no truth of the images that --init auto looks at names it, the first "
+                f"{FRAMES_TO_TRY} of each scene: there are {', '.join(map(str, known))}"
+            )
     jobs = list[SceneJob]()
     for scene in scenes:
         chosen = [i for i in wanted[scene.scene_id] if not options.objects or i in options.objects]

@@ -190,19 +190,24 @@ class SummaryObserver:
 def track_parts(options: TrackOptions) -> None:
     """Track, write the results and print what came of it."""
     interrupt.check()
-    summary = run_jobs(scene_jobs(options), options)
+    jobs = scene_jobs(options)
+    live = any(not job.sequence.frame_ids for job in jobs)  # a camera announces no images
+    summary = run_jobs(jobs, options)
     if summary.objects:
         print(summary)
-    print(f"{options.out}: written{_next_after_loss(summary, options.out)}")
+    print(f"{options.out}: written{_next_after_loss(summary, options.out, live)}")
     if options.replay is not None and summary.objects:
         lacks = f" ({summary.replay_lacks})" if summary.replay_lacks else ""
         print(f"{options.replay}: written{lacks}; acp-lab replay {quoted(options.replay)} shows it")
 
 
-def _next_after_loss(summary: RunSummary, out: Path) -> str:
-    """The command that explains the first loss, or that no frame was good; nothing where all went well."""
+def _next_after_loss(summary: RunSummary, out: Path, live: bool = False) -> str:
+    """The command that explains the first loss, or that no frame was good; nothing where all went well.
+
+    live: a camera was tracked, whose images are gone: nothing can be explained.
+    """
     lost = next((one for one in summary.objects if one.first_lost is not None or not one.was_good), None)
-    if lost is None:
+    if lost is None or live:
         return ""
     which = f" --scene {lost.scene_id} --object {lost.object_id}" if len(summary.objects) > 1 else ""
     why = "it was lost, and where to start again" if lost.was_good else "no frame was good"

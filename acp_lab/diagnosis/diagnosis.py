@@ -29,7 +29,7 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.confidence import weight_of_evidence
 from acp_lab.tracking.result import TrackResult, TrackState
-from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.session import TrackRun, check_run
 
 ELSEWHERE_PERCENT = 10.0
 """ADD in percent of the diameter above which a pose is beside the part."""
@@ -175,6 +175,7 @@ def diagnose(
     Raises:
         SequenceError: the run has no such frame or object, or does not know its part.
     """
+    check_run(run)
     results, object_id = _results_of(run, frame, object_id)
     frame = range(len(results))[frame]
     config = config or DiagnosisConfig()

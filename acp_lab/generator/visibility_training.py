@@ -117,8 +117,8 @@ def train_region(
 
 
 def _network(hidden: int, outputs: int, torch_seed: int) -> torch.nn.Sequential:
-    # The generator that new layers take their weights from is one for all threads.
-    with _DRAWING, torch.random.fork_rng():
+    # The generator that new layers take their weights from is one for all threads. No GPU is asked for its own.
+    with _DRAWING, torch.random.fork_rng(devices=[]):
         torch.manual_seed(torch_seed)
         return torch.nn.Sequential(
             torch.nn.Linear(8, hidden),

@@ -12,7 +12,7 @@ Source of the format: BOP toolkit, docs/bop_datasets_format.md.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -161,6 +161,11 @@ class BopScene:
     def object_ids(self) -> tuple[int, ...]:
         """Ids of the objects of the first frame, rising; empty without truth there."""
         return () if self.ground_truth is None else tuple(self.ground_truth.in_frame(self.frame_ids[0]))
+
+    def objects_in(self, frame_ids: Iterable[int]) -> tuple[int, ...]:
+        """Ids of the objects that the truth of any of these images names, rising; empty without truth."""
+        truth = self.ground_truth
+        return () if truth is None else tuple(sorted({i for frame_id in frame_ids for i in truth.in_frame(frame_id)}))
 
     def camera(self, frame_id: int) -> Camera:
         """The camera of an image; SequenceError when there is no such image."""

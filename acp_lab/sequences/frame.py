@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acp_lab.errors import SequenceError
+from acp_lab.errors import SequenceError, check_kind
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.camera import Camera
 
@@ -26,7 +26,8 @@ class Frame:
     undistort_s: wall seconds spent on removing lens distortion; it counts as tracking time, decoding does
     not.
 
-    Raises SequenceError for an image that is none of that form or not of its camera's size.
+    Raises SequenceError for an image that is none of that form or not of its camera's size, and for a camera with lens
+    distortion, of which nothing behind a sequence knows.
     """
 
     index: int
@@ -48,6 +49,16 @@ class Frame:
                 f"frame {self.index}: its image is {image.shape[1]} x {image.shape[0]} px but its camera "
                 f"{camera.width} x {camera.height}: give the camera of this image"
             )
+        if any(camera.dist):
+            raise SequenceError(
+                f"frame {self.index}: its camera has lens distortion: take it out of the image, by "
+                "Undistorter(camera)(image), and give camera.pinhole()"
+            )
+
+
+def check_frame(frame: object) -> None:
+    """ParameterError for an argument that is no `Frame`, such as a bare image."""
+    check_kind(frame, Frame, "frame", "a frame of a sequence, as scene.frame(0), or Frame(index, image, camera)")
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from acp_lab.control_points.view_regions import choose_region
 from acp_lab.errors import GeometryError, TrackingError
 from acp_lab.generator.base import GeneratedEdges, project_samples
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose import so3_log, transform
+from acp_lab.geometry.pose import check_pose, so3_log, transform
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, check_frame
 from acp_lab.studies.manipulation import view_of
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.losses import LossForm, edge_loss, reference_bce
@@ -108,6 +108,8 @@ class LossSurface:
         Raises GeometryError for an eye inside the part, TrackingError when fewer than 20 of its edge points are in the
         image and for an alpha that is no such share.
         """
+        check_frame(frame)
+        check_pose(cam_T_obj, f"{model.part.name}: the middle pose")
         if not 0.0 < alpha <= 1.0:
             raise TrackingError(f"landscape: alpha is {alpha:g}: give a share of the diameter above 0, such as 0.07")
         part, camera = model.part, frame.camera

@@ -28,7 +28,7 @@ from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.homography import homography_from_points
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
-from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.geometry.tps import warp_points_tps
 from acp_lab.imaging.chamfer import Chamfer, chamfer
 from acp_lab.prepared_part import PreparedPart
@@ -74,13 +74,15 @@ class ManipulationBench:
     """
 
     def __init__(self, model: PreparedPart, camera: Camera, cam_T_obj: FloatArray) -> None:
-        """cam_T_obj: (4, 4), of the reference view, from outside the part."""
+        """cam_T_obj: (4, 4), of the reference view, from outside the part; else GeometryError."""
+        check_pose(cam_T_obj, f"{model.part.name}: the reference pose")
         self.model, self.camera = model, camera
         self.reference_pose = np.array(cam_T_obj, np.float64)
         part = model.part
         self.caster = make_caster(part)
         self._half_size = 0.5 * part.box_size
         self.region = choose_region(eye_position(self.reference_pose) - part.box_centre, self._half_size)
+        self._view(self.reference_pose)  # for its error, which names the eye
         self._painter = None
         if self.region in model.autoencoders:
             # Asked at any I as it is: what the network makes of an I that no rigid motion makes is to be seen.

@@ -22,7 +22,7 @@ from acp_lab.errors import check_kind
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, check_frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.method import method_named
 from acp_lab.tracking.search import WIDE_LEVELS
@@ -83,7 +83,7 @@ class Finder:
 
         prior: looks near a pose only. rival: (4, 4) a pose that competes with what is found, as it is.
         """
-        check_kind(frame, Frame, "frame", "a frame of a sequence, as scene.frame(0), or Frame(index, image, camera)")
+        check_frame(frame)
         return finish(self.search(frame, top, prior, rival=rival))
 
     def search(

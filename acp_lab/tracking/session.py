@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from acp_lab.cad.part import Part
-from acp_lab.errors import SequenceError
+from acp_lab.errors import SequenceError, check_kind
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
@@ -100,6 +100,12 @@ class TrackRun:
                 f"{1e3 * float(np.median(times)):.1f} ms per frame, last state {results[-1].state}"
             )
         return "\n".join(lines)
+
+
+def check_run(run: object) -> None:
+    """ParameterError for an argument that is no `TrackRun`, such as the path of a results file or a replay."""
+    fix = "what tracker.run returned; files are opened by acp-lab explain and acp-lab replay"
+    check_kind(run, TrackRun, "run", fix)
 
 
 def track_sequence(

@@ -20,7 +20,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.frame import Frame, UnreadableFrame, check_frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
@@ -121,7 +121,7 @@ class Tracker:
             PreparationError: it is seen from a view region that the method's generator was not trained for.
         """
         begin_s, clock = time.perf_counter(), Stopwatch()
-        check_kind(frame, Frame, "frame", "a frame of a sequence, as scene.frame(0), or Frame(index, image, camera)")
+        check_frame(frame)
         check_pose(cam_T_obj, f"{self.part.name}: the start pose")
         self._forget()
         self.solver.records_steps = self.records_steps
@@ -164,9 +164,12 @@ class Tracker:
 
         Raises:
             TrackingError: `start` was not called.
+            ParameterError: it is no frame, such as a bare image.
         """
         if not self._started:
             raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
+        if not isinstance(frame, UnreadableFrame):
+            check_frame(frame)
         begin_s, clock, pursuit = time.perf_counter(), Stopwatch(), self._pursuit
         self.solver.records_steps = self.records_steps
         # Kept as long as every frame is seen: over a gap it would tell another motion.

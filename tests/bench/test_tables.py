@@ -136,7 +136,10 @@ def test_outside_rows_of_nothing_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="no rows"):
         outside_runs(empty, {"sample": sample_dataset()})
     wrong = write_rows(tmp_path / "u.csv", [ResultRow(1, 10**6, 1, 1.0, np.eye(4))])
-    with pytest.raises(SequenceError, match="no image 1000000"):
+    with pytest.raises(SequenceError, match=r"u\.csv: image 1000000 of scene 1: .* has none of it"):
+        outside_runs(wrong, {"sample": sample_dataset()})
+    wrong = write_rows(tmp_path / "v.csv", [ResultRow(9, 0, 1, 1.0, np.eye(4))])
+    with pytest.raises(SequenceError, match=r"v\.csv: scene 9: .* has none of it: remove its rows"):
         outside_runs(wrong, {"sample": sample_dataset()})
 
 

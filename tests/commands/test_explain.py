@@ -20,6 +20,7 @@ from acp_lab.sample import sample_dataset
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
 from acp_lab.tracking.sought import Sought, to_row
 from tests.cli_runner import assert_one_error, run
+from tests.commands.conftest import FRAME_IDS, OBJECT_IDS, true_pose
 from tests.display.made_run import play
 from tests.prepared_sample import sample_scene
 
@@ -270,3 +271,23 @@ def test_run_information_that_is_not_needed_may_be_of_any_form(
     results.with_name("a.run.json").write_text('{"options": [1]}')
     play([Replay(results.with_name("run.rrd"))])
     assert run(capsys, "explain", results.with_name("run.rrd")).status == 0
+
+
+def test_each_object_and_scene_has_a_picture_of_its_own(
+    capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.v1"
+    with ResultsWriter(path, {"folder": str(tmp_path), "options": {"dataset": str(dataset)}}) as writer:
+        for frame_id in FRAME_IDS:
+            for object_id in OBJECT_IDS:
+                writer.append(ResultRow(1, frame_id, object_id, 0.55, true_pose(frame_id, object_id)))
+    for object_id in OBJECT_IDS:
+        assert run(capsys, "explain", path, "--object", object_id, "--frame", 2).status == 0
+        assert (tmp_path / f"run.v1.object{object_id}.frame2.png").is_file()
+
+
+def test_a_live_camera_cannot_be_looked_at_again(capsys: pytest.CaptureFixture[str], results: Path) -> None:
+    info = results.with_name("results.run.json")
+    options = {"video": "0", "mesh": "part.ply", "camera": "CAMERA.json"}
+    info.write_text(json.dumps({**json.loads(info.read_text()), "options": options}))
+    assert_one_error(run(capsys, "explain", results), "live camera 0 was tracked, whose images are gone")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -331,3 +332,23 @@ def test_two_runs_into_one_file(
     assert track(capsys, dataset, parts, out).status == 0
     assert_one_error(second[0], "results.csv", "another acp-lab is writing these results")
     assert keys(out) == keys(whole)
+
+
+def test_objects_that_come_later_are_looked_for(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The truth of the first image names object 1 alone."""
+    edit_json(dataset / "test" / "000001" / "scene_gt.json", lambda truth: truth["0"].pop())
+    asked = list[set[int]]()
+
+    def find(sequence: object, models: Mapping[int, object]) -> list[auto_start.FoundStart]:
+        asked.append(set(models))
+        return [auto_start.FoundStart(3, {object_id: true_pose(3, object_id) for object_id in models})]
+
+    monkeypatch.setattr(auto_start, "find_starts", find)
+    out = tmp_path / "results.csv"
+    for words in ((), ("--object", "4"), ("--first-frame", "3")):
+        assert track(capsys, dataset, parts, out, "--init", "auto", *words).status == 0
+    assert asked == [{1, 4}, {4}, {1, 4}]
+    outcome = track(capsys, dataset, parts, out, "--init", "auto", "--object", "9")
+    assert_one_error(outcome, "--object 9: no truth of the images that --init auto looks at names it", "there are 1, 4")

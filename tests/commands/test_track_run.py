@@ -344,6 +344,7 @@ def test_the_summary_says_where_no_frame_was_good(tmp_path: Path) -> None:
     poor = ObjectSummary(1, 4, "box")
     poor.add(0, TrackState.WEAK, is_unreadable=False)
     assert _next_after_loss(RunSummary((poor,)), tmp_path / "r.csv").endswith("r.csv says why no frame was good")
+    assert _next_after_loss(RunSummary((poor,)), tmp_path / "r.csv", live=True) == ""
 
 
 def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.errors import PreparationError
-from acp_lab.generator.device import repeatable_convolutions, torch_device
+from acp_lab.generator.device import Device, repeatable_convolutions, torch_device
 from acp_lab.generator.painted import image_generator, training
 from acp_lab.generator.painted.autoencoder import Decoder
 from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
@@ -67,13 +67,17 @@ def trained_on(device: str, part: Part, caster: RayCaster) -> TrainedRegion:
     return train_autoencoder(part, caster, REGION, w_obj, TINY, seed=3, device=device)  # type: ignore[arg-type]
 
 
-def test_a_missing_gpu_is_not_taken_for_a_damaged_network(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+def untrained(device: Device) -> AutoencoderGenerator:
+    """Of a part "bolt"."""
     networks = Decoder(TINY.shape), {name: LatentRegressor(TINY.shape) for name in POINT_SETS}
     stored = RegionAutoencoder.of_networks(TINY.shape, *networks, {name: np.zeros((4, 3)) for name in POINT_SETS})
-    generator = AutoencoderGenerator({REGION.index: stored}, "bolt", "cuda")
+    return AutoencoderGenerator({REGION.index: stored}, "bolt", device)
+
+
+def test_a_missing_gpu_is_not_taken_for_a_damaged_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(PreparationError, match=r"^--device cuda: torch finds no GPU on this machine"):
-        generator.edge_image(np.zeros((4, 2)), REGION.index)
+        untrained("cuda").edge_image(np.zeros((4, 2)), REGION.index)
 
 
 def test_tensors_of_two_devices_never_meet(monkeypatch: pytest.MonkeyPatch, part: Part, caster: RayCaster) -> None:
@@ -111,3 +115,13 @@ def test_a_gpu_paints_what_the_cpu_paints(part: Part, caster: RayCaster) -> None
         on_gpu.edge_image_derivatives(POINTS, 4), on_cpu.edge_image_derivatives(POINTS, 4), strict=True
     ):
         np.testing.assert_allclose(ours, theirs, atol=1e-2)
+
+
+def test_a_full_gpu_is_not_taken_for_a_damaged_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(networks: object, on: torch.device) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(image_generator._Networks, "moved", full)
+    with pytest.raises(PreparationError, match=r"^bolt: the GPU has no memory left"):
+        untrained("cuda").edge_image(np.zeros((4, 2)), REGION.index)

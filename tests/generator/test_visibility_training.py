@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+import torch
 
 from acp_lab.cad.edges import EdgeSamples, facing, sample_edges, visible_samples
 from acp_lab.cad.part import Part
@@ -15,7 +16,7 @@ from acp_lab.control_points.view_regions import ALL_REGIONS, sample_directions
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
-from acp_lab.generator.visibility_training import TrainingConfig, TrainingReport, train_region
+from acp_lab.generator.visibility_training import TrainingConfig, TrainingReport, _network, train_region
 from tests.made_parts import looking_at
 
 REGION = ALL_REGIONS[4]
@@ -145,3 +146,14 @@ def test_all_views_asked_for_are_made(
     assert counts == [TrainingConfig().views + TrainingConfig().held_out]
     printed = AutoencoderConfig.as_printed().images
     assert TrainingConfig().views == printed.views == 1000, "paper IV-A: about 1000 views per region"
+
+
+def test_no_gpu_is_asked_for_its_random_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is full, or another's alone, would end a training that runs on the CPU."""
+
+    def full(device: object = None) -> torch.Tensor:
+        raise torch.OutOfMemoryError
+
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    monkeypatch.setattr(torch.cuda, "get_rng_state", full)
+    assert len(_network(4, 2, 0)) == 5

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import SequenceError
-from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.sequences.frame import Frame
 
 CAMERA = Camera(16, 12, 20.0, 20.0, 7.5, 5.5)
@@ -38,3 +38,11 @@ def test_an_image_that_is_none_is_refused_with_what_it_should_be(image: Any, tol
 def test_any_memory_layout_will_do() -> None:
     for image in (RGB, RGB[:, ::-1], RGB[..., ::-1], np.asfortranarray(RGB)):
         assert Frame(0, image, CAMERA).image is image
+
+
+def test_a_camera_with_lens_distortion_is_refused(distorted_camera: Camera) -> None:
+    """Everything behind takes its camera for a pinhole: poses would be wrong without a word."""
+    image = np.zeros((distorted_camera.height, distorted_camera.width, 3), np.uint8)
+    with pytest.raises(SequenceError, match=r"^frame 7: its camera has lens distortion: .*camera\.pinhole\(\)"):
+        Frame(7, image, distorted_camera)
+    assert Frame(7, Undistorter(distorted_camera)(image), distorted_camera.pinhole()).index == 7

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from acp_lab.display.replay.blueprint import single_run, spot_of
 from acp_lab.display.replay.budget import SizeBudget
@@ -24,7 +24,7 @@ from acp_lab.display.replay.clock import RunningClock
 from acp_lab.display.replay.images import ImageWriter
 from acp_lab.display.replay.log import BRIGHT_COLOURS, Iterations, RunLog
 from acp_lab.display.replay.object_log import object_name
-from acp_lab.errors import InputFileError
+from acp_lab.errors import InputFileError, ParameterError
 from acp_lab.files import check_replaces_own
 from acp_lab.locks import only_writer
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -64,6 +64,8 @@ class Replay:
         most_mb: float = float("inf"),
         frames: int = 0,
     ) -> None:
+        if iterations not in get_args(Iterations):
+            raise ParameterError(f"iterations = {iterations!r}: give one of {', '.join(get_args(Iterations))}")
         self.path = Path(path)
         check_replaces_own(self.path, b"RRF", "the replay", "a replay")
         self.iterations = iterations

@@ -28,7 +28,7 @@ from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import AcpLabError, SequenceError
 from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import TrackResult
-from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.session import TrackRun, check_run
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -97,9 +97,11 @@ def show(run: TrackRun, other: TrackRun | None = None, height_px: int = 640) -> 
 
     Iterations are in it when the tracker's `records_steps` was set, image edges when `records_target` was.
     Raises AcpLabError where rerun's notebook viewer is missing, or was imported too early to be kept off the
-    net; SequenceError for a run without a sequence that can be read again.
+    net; SequenceError for a run without a sequence that can be read again; ParameterError for what is no run.
     """
     runs = {"": run} if other is None else {"a": run, "b": other}
+    for each in runs.values():
+        check_run(each)
     return RunViewer(runs, height_px)
 
 

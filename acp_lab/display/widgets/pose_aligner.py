@@ -43,7 +43,7 @@ from acp_lab.geometry.planar_pnp import PlanarPnP, solve_planar_pnp
 from acp_lab.geometry.pose import make_pose, rotation_angle_deg, transform
 from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, check_frame
 from acp_lab.sequences.json_file import read_pose, write_pose
 from acp_lab.tracking.find import Detection
 from acp_lab.tracking.snap import SnapResult, snap
@@ -76,6 +76,7 @@ class PoseAligner(Still, ipywidgets.VBox):
 
     def __init__(self, model: PreparedPart, frame: Frame, cam_T_obj: FloatArray | None = None) -> None:
         """cam_T_obj: (4, 4) to begin with; by default the part is put into the middle of the image."""
+        check_frame(frame)
         self.model, self.frame = model, frame
         self._generator = model.best_generator()
         pose = pose_in_the_middle(model, frame) if cam_T_obj is None else np.array(cam_T_obj, np.float64)

@@ -20,7 +20,7 @@ from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.result import TrackResult
-from acp_lab.tracking.session import TrackRun
+from acp_lab.tracking.session import TrackRun, check_run
 
 LOSS_ROW, QUALITY_ROW = "loss e(I)", "quality [0 to 1]"
 ADD_LIMITS = (2.0, 5.0)
@@ -47,6 +47,7 @@ class TrackPlayer(Still, ipywidgets.VBox):
 
         Raises SequenceError for a run without a sequence or results, and for an object that was not tracked.
         """
+        check_run(run)
         sequence = run.sequence if sequence is None else sequence
         if sequence is None or not any(run.results.values()):
             raise SequenceError(f"{run.name}: nothing to play: give the results of track_sequence and their sequence")

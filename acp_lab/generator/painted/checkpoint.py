@@ -52,7 +52,8 @@ def load_checkpoint(path: Path, belongs_to: str) -> Checkpoint | None:
             state = json.loads(file.metadata()["state"])
             if state["belongs_to"] != belongs_to:
                 return None
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - the file is no dict
+            # Copied: they would map the file, and Windows replaces none that is mapped.
+            tensors = {key: file.get_tensor(key).clone() for key in file.keys()}  # noqa: SIM118 - the file is no dict
         return Checkpoint(**{**state, "losses": tuple(state["losses"])}, tensors=tensors)
     except (OSError, SafetensorError, ValueError, KeyError, TypeError):
         return None

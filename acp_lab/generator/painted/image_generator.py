@@ -99,6 +99,11 @@ class _Networks:
     regressors: Mapping[PointSet, LatentRegressor]
     device: torch.device
 
+    def moved(self, on: torch.device) -> _Networks:
+        """Themselves, on a device."""
+        regressors = {name: regressor.to(on) for name, regressor in self.regressors.items()}
+        return _Networks(self.decoder.to(on), regressors, on)
+
 
 class AutoencoderGenerator:
     """t(I) by the two-stage network, one per trained view region."""
@@ -205,18 +210,27 @@ class AutoencoderGenerator:
 
     def _loaded(self, region: int) -> _Networks:
         if region not in self._networks:
+            import torch
+
             stored, on = self._region(region), torch_device(self._device)
             try:
-                self._networks[region] = _load(stored, on)
+                networks = _load(stored)
             except (RuntimeError, PreparationError) as error:  # torch's words for missing and misshapen weights
                 raise PreparationError(
                     f"{self._part_name}: the auto-encoder of view region {region} is damaged "
                     f"({str(error).splitlines()[0]}); run acp-lab prepare with --generator autoencoder --no-resume"
                 ) from None
+            try:
+                self._networks[region] = networks.moved(on)
+            except torch.OutOfMemoryError:
+                raise PreparationError(
+                    f"{self._part_name}: the GPU has no memory left for the auto-encoder of view region {region}: "
+                    'free some, or paint with device="cpu"'
+                ) from None
         return self._networks[region]
 
 
-def _load(stored: RegionAutoencoder, on: torch.device) -> _Networks:
+def _load(stored: RegionAutoencoder) -> _Networks:
     import torch
 
     from acp_lab.generator.painted.autoencoder import Decoder
@@ -239,8 +253,8 @@ def _load(stored: RegionAutoencoder, on: torch.device) -> _Networks:
                 if key.startswith(start)
             }
         )
-        module.requires_grad_(False).eval().to(on)
-    return _Networks(decoder, regressors, on)
+        module.requires_grad_(False).eval()
+    return _Networks(decoder, regressors, torch.device("cpu"))
 
 
 def _rounded(value: np.ndarray) -> np.ndarray:
