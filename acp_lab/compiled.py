@@ -46,7 +46,7 @@ def kernel(*signatures: str, fastmath: frozenset[str] = frozenset()) -> Callable
 @lru_cache(maxsize=1)
 def _say_that_nothing_is_kept() -> None:
     warnings.warn(
-        "compiled code cannot be kept, so it is compiled again at every start, which takes a minute: "
+        "compiled code cannot be kept, so it is compiled again at every start, which takes a minute or two: "
         "set NUMBA_CACHE_DIR to a folder that you can write",
         UserWarning,
         stacklevel=2,
