@@ -1,8 +1,8 @@
 """Loops over edge points as machine code: what every kernel of the per-frame path has in common.
 
 Kernels are compiled by Numba when their module is first imported on a machine and kept on disk, so that no frame waits
-for a compiler. Each has a plain NumPy twin in the tests. They let go of Python's lock: trackers in several threads run
-side by side.
+for a compiler; where nothing can be written, at every start. Each has a plain NumPy twin in the tests. They let go of
+Python's lock: trackers in several threads run side by side.
 """
 
 from __future__ import annotations

@@ -43,8 +43,8 @@ def tracker_and_dataset(path: Path, roots: Mapping[str, Path]) -> tuple[str, str
 def outside_runs(path: Path, roots: Mapping[str, Path], split: str = "test") -> list[Run]:
     """The runs of a results file, one per scene and object that it has rows of.
 
-    Raises InputFileError for a file that cannot be read or does not tell its data set, SequenceError for rows of an
-    image or object that the data set does not have.
+    Raises InputFileError for a file that cannot be read or does not tell its data set, SequenceError for rows of a
+    scene, image or object that the data set does not have.
     """
     tracker, name = tracker_and_dataset(path, roots)
     dataset = BopDataset(roots[name])
@@ -62,8 +62,12 @@ def outside_runs(path: Path, roots: Mapping[str, Path], split: str = "test") -> 
 def _run(
     path: Path, tracker: str, dataset: BopDataset, split: str, scene_id: int, object_id: int, rows: dict[int, ResultRow]
 ) -> Run:
-    if scene_id not in dataset.scenes(split):
-        raise SequenceError(f"{path}: scene {scene_id}: {dataset.root / split} has none of it: remove its rows")
+    try:
+        dataset.scene_folder(scene_id, split)
+    except SequenceError:  # which names the data set, not the file that is wrong
+        raise SequenceError(
+            f"{path}: scene {scene_id}: {dataset.root / split} has none of it: remove its rows"
+        ) from None
     scene = dataset.open_scene(scene_id, split)
     unknown = sorted(set(rows) - set(scene.frame_ids))
     if unknown:

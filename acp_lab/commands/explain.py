@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from acp_lab.cad.part import Part
     from acp_lab.diagnosis.diagnosis import Diagnosis
     from acp_lab.sequences.protocol import Sequence
+    from acp_lab.sequences.results_csv import ResultRow
     from acp_lab.tracking.session import TrackRun
     from acp_lab.tracking.states import StateConfig
 
@@ -42,17 +43,20 @@ def explain_run(options: ExplainOptions) -> None:
     """Print the explanation, and write its picture beside the results."""
     from acp_lab.display.plots.diagnosis import explain
     from acp_lab.files import check_replaces_own
+    from acp_lab.sequences.results_csv import read_results
 
     if options.out is not None and options.out.suffix.lower() != ".png":
         raise InputFileError(f"{options.out}: --out writes PNG only: name it {options.out.with_suffix('.png').name}")
     results = _results_file(options.source)
     if options.out is not None:
         check_replaces_own(options.out, b"\x89PNG", "--out", "a picture")
-    run = _run(results, options)
+    rows = read_results(results)
+    run = _run(results, rows, options)
     object_id = next(iter(run.results)) if options.object_id is None else options.object_id
     frame = _most_telling(run, object_id) if options.frame is None else options.frame
     explanation = explain(run, frame, object_id)
-    picture = options.out or _picture_beside(results, run, explanation.diagnosis)
+    scenes = len({row.scene_id for row in rows})
+    picture = options.out or _picture_beside(results, scenes, run, explanation.diagnosis)
     _check_keeps_images(picture, run.sequence)
     explanation.save(picture)
     print(_verdict(run, object_id))
@@ -149,12 +153,12 @@ def _results_file(source: Path) -> Path:
     )
 
 
-def _picture_beside(results: Path, run: TrackRun, diagnosis: Diagnosis) -> Path:
+def _picture_beside(results: Path, scenes: int, run: TrackRun, diagnosis: Diagnosis) -> Path:
     """Where the picture of a frame goes; of results of several scenes or objects each has its own."""
-    from acp_lab.sequences.results_csv import read_results, run_info_path
+    from acp_lab.sequences.results_csv import run_info_path
 
     name = run_info_path(results).name.removesuffix(".run.json")
-    if len({row.scene_id for row in read_results(results)}) > 1:
+    if scenes > 1:
         name += f".scene{run.scene_id}"
     if len(run.results) > 1:
         name += f".object{diagnosis.object_id}"
@@ -178,12 +182,11 @@ def _is_replay(source: Path) -> bool:
     return start.startswith(b"RRF") or (start != HEADER_START and source.suffix.lower() == ".rrd")
 
 
-def _run(results: Path, options: ExplainOptions) -> TrackRun:
+def _run(results: Path, rows: tuple[ResultRow, ...], options: ExplainOptions) -> TrackRun:
     from acp_lab.diagnosis.recorded_run import run_from_rows
-    from acp_lab.sequences.results_csv import read_results, run_info_path
+    from acp_lab.sequences.results_csv import run_info_path
     from acp_lab.tracking.sought import from_rows
 
-    rows = read_results(results)
     if not rows:
         raise InputFileError(f"{results}: holds no rows: nothing was tracked")
     scene_id = rows[0].scene_id if options.scene is None else options.scene

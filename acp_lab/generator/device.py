@@ -34,7 +34,7 @@ def torch_device(device: Device) -> torch.device:
 def repeatable_convolutions(on: torch.device) -> Iterator[None]:
     """On a GPU, the same convolutions on every run, and in full single precision; settings are as before afterwards.
 
-    With them the same seed gives the same weights, and a GPU paints what the CPU paints. On a CPU nothing is touched.
+    So that the same seed gives the same weights, and a GPU paints what the CPU paints. On a CPU nothing is touched.
     """
     if on.type != "cuda":
         yield

@@ -160,7 +160,7 @@ class BopScene:
     @property
     def object_ids(self) -> tuple[int, ...]:
         """Ids of the objects of the first frame, rising; empty without truth there."""
-        return () if self.ground_truth is None else tuple(self.ground_truth.in_frame(self.frame_ids[0]))
+        return self.objects_in(self.frame_ids[:1])
 
     def objects_in(self, frame_ids: Iterable[int]) -> tuple[int, ...]:
         """Ids of the objects that the truth of any of these images names, rising; empty without truth."""

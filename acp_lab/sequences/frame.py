@@ -49,7 +49,7 @@ class Frame:
                 f"frame {self.index}: its image is {image.shape[1]} x {image.shape[0]} px but its camera "
                 f"{camera.width} x {camera.height}: give the camera of this image"
             )
-        if any(camera.dist):
+        if camera.is_distorted:
             raise SequenceError(
                 f"frame {self.index}: its camera has lens distortion: take it out of the image, by "
                 "Undistorter(camera)(image), and give camera.pinhole()"

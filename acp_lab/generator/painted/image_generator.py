@@ -100,7 +100,7 @@ class _Networks:
     device: torch.device
 
     def moved(self, on: torch.device) -> _Networks:
-        """Themselves, on a device."""
+        """The same networks on a device."""
         regressors = {name: regressor.to(on) for name, regressor in self.regressors.items()}
         return _Networks(self.decoder.to(on), regressors, on)
 
@@ -113,7 +113,7 @@ class AutoencoderGenerator:
     def __init__(
         self, autoencoders: Mapping[int, RegionAutoencoder], part_name: str = "part", device: Device = "cpu"
     ) -> None:
-        """device: of the networks; one image at a time is painted no faster by a GPU, a thousand are."""
+        """device: where the networks paint."""
         if not autoencoders:
             raise PreparationError(f"{part_name}: no auto-encoder; run acp-lab prepare with --generator autoencoder")
         self._stored = dict(autoencoders)
