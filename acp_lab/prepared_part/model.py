@@ -31,7 +31,7 @@ from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, write_header
 from acp_lab.prepared_part.options import PrepareOptions
 from acp_lab.prepared_part.trained import RegionReport, RegressionValues, Trained
 
-# Chosen by measuring on sequences with and without broken edges, see docs/benchmark.md.
+# Chosen by measuring on sequences with and without broken edges, see docs/benchmark-parts.md.
 DEFAULT_EDGE_BREAK_MM = 0.25
 
 
