@@ -1,4 +1,4 @@
-"""The paper's claims about control points, computed: its Figure 1, the homography of a motion, its Figure 11b.
+"""The paper's claims about control points, computed: its Figure 1, the homography of a motion, its Figure 7b.
 
 Sensitivity and conditioning on the first part given; the other two over all parts given.
 
@@ -96,7 +96,7 @@ def homography(all_parts: list[tuple[Part, TrueEdges]]) -> dict[str, dict[str, f
 
 
 def ambiguity(all_parts: list[tuple[Part, TrueEdges]]) -> dict[str, dict[str, float]]:
-    """Figure 11b: pairs of poses with one outer contour, and which of the two a loss prefers in a rendered image."""
+    """Figure 7b: pairs of poses with one outer contour, and which of the two a loss prefers in a rendered image."""
     from acp_lab.studies.ambiguity import find_ambiguities
     from acp_lab.studies.distinction import shaded_picture, tells_apart
 
@@ -154,7 +154,7 @@ def main() -> None:
         ),
         (
             "claims.ambiguity",
-            "Figure 11b: the two closest pairs of each part; rendered images in which the wrong pose wins",
+            "Figure 7b: the two closest pairs of each part; rendered images in which the wrong pose wins",
             "degrees (turn), % of the diameter (outline, edges), images",
             f"{len(all_parts)} parts of {names}",
             ambiguity(all_parts),

@@ -15,6 +15,8 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.homography import apply_homography, homography_from_points
 
 _CLOSE = 1e-6
+_GUARDED = 1e-3
+"""What a guard against log(0) may take away."""
 _NEAR_PX = 1e-3
 _BATCH, _SIDE = 3, 24
 
@@ -41,7 +43,7 @@ def picture_in_doubt(answer: Any) -> str:
     if found.min() < -_CLOSE or found.max() > 1.0 + _CLOSE:
         raise Hint("A picture's pixels lie between 0 and 1, or eq. 2 takes the logarithm of a negative number.")
     mean = truth.mean(0)
-    if np.abs(found - mean).max() < _CLOSE:
+    if np.abs(found - mean).max() < _GUARDED:
         return (
             "It shows none of the images: it is all of them, faint. The square error has the same best "
             "picture, so no weight of the two terms makes the lines of an uncertain network sharp."

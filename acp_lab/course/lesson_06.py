@@ -10,6 +10,7 @@ import numpy as np
 from acp_lab.course.answers import Hint, as_array, as_choice, as_function, as_number, as_numbers, near
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import sample_part, sample_scene
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.imaging.canny import canny
 from acp_lab.imaging.distance import distance_map
 from acp_lab.sequences.frame import Frame
@@ -81,6 +82,8 @@ def missing_share(answer: Any) -> str:
     right = _missing(ASKED_FRAME)
     if near(share, right, absolute=_CLOSE):
         return "No pose of this part would bring these points to an edge of theirs; the loss has to bear them."
+    if near(share, float((_distances(ASKED_FRAME) >= FAR_PX).mean()), absolute=_CLOSE):
+        raise Hint("An edge just three pixels away is within three pixels: take those farther away alone.")
     if near(share, 1.0 - right, absolute=_CLOSE):
         raise Hint("That is the share that has an edge.")
     if near(share, _missing(20), absolute=_CLOSE):
@@ -88,12 +91,17 @@ def missing_share(answer: Any) -> str:
     raise Hint("TrueEdges.at gives points (x, y); a distance map is indexed by row, then column.")
 
 
-@cache
 def _missing(frame_id: int) -> float:
+    return float((_distances(frame_id) > FAR_PX).mean())
+
+
+@cache
+def _distances(frame_id: int) -> FloatArray:
+    """(n,) px from the edge points at the true pose to the nearest image edge."""
     scene = sample_scene()
     frame, pose = scene.frame(frame_id), scene.truth(frame_id, 1)
     assert isinstance(frame, Frame), "the sample's frames can be read"
     assert pose is not None, "the sample has truth for every frame"
     points = TrueEdges(sample_part()).at(pose, frame.camera).points
     column, row = np.round(points).astype(int).T
-    return float((distance_map(canny(frame.image))[row, column] > FAR_PX).mean())
+    return distance_map(canny(frame.image))[row, column]

@@ -1,4 +1,4 @@
-"""Figure 11b of the paper as a search: opposite poses whose outer contours agree.
+"""Figure 7b of the paper as a search: opposite poses whose outer contours agree.
 
 The paper blames failures of contour and region trackers on views "whose outer contours are extremely similar but the
 poses are opposite". Here all views around the part are compared, each with each: contours by their radial profiles,

@@ -1,4 +1,4 @@
-"""The six parameters of a pose over a sequence, estimated and true (paper Fig. 8).
+"""The six parameters of a pose over a sequence, estimated and true.
 
 One number per frame, such as ADD, says how far off a pose is, not how: along the line of sight, where an image says
 least, or across it. So three angles and three coordinates are followed one by one.

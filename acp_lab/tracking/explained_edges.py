@@ -4,7 +4,7 @@ Agreement asks whether the image has an edge where the part has one. A pose that
 side of a plate, a step, a lug, has fewer edges to find and can agree better than the true one. So the question is put
 the other way round as well: how many of the image's edges does the part have? Here each of them counts once, also where
 several edges of the part lie near it. The paper's loss goes one way alone (eq. 6, from the generated edges to the
-image); its Fig. 11b, opposite poses with one outer contour, is where that matters (`studies.distinction`).
+image); its Fig. 7b, opposite poses with one outer contour, is where that matters (`studies.distinction`).
 """
 
 from __future__ import annotations

@@ -51,12 +51,12 @@ def test_wrong_weights(wrong, fragment: str) -> None:  # type: ignore[no-untyped
     hints("06.2", wrong, fragment)
 
 
-def share(frame_id: int) -> float:
+def share(frame_id: int, just_above: float = 3.0) -> float:
     scene = course.sample_scene()
     frame, pose = scene.frame(frame_id), scene.truth(frame_id, 1)
     assert pose is not None
     x, y = np.round(TrueEdges(course.sample_part()).at(pose, frame.camera).points).astype(int).T
-    return float((distance_map(canny(frame.image))[y, x] > 3.0).mean())
+    return float((distance_map(canny(frame.image))[y, x] > just_above).mean())
 
 
 def test_missing_share() -> None:
@@ -65,6 +65,7 @@ def test_missing_share() -> None:
     assert abs(right - share(20)) > 0.02, "the grader must tell the two frames apart"
     passes("06.3", right)
     hints("06.3", 1.0 - right, "has an edge")
+    hints("06.3", share(39, 2.999), "just three pixels away")  # distances between are none
     hints("06.3", 100.0 * right, "percent")
     hints("06.3", share(20), "frame 20")
     hints("06.3", right + 0.4, "row, then column")

@@ -1,4 +1,4 @@
-"""Pictures of ambiguous pairs: two opposite poses, one outer contour (paper Fig. 11b).
+"""Pictures of ambiguous pairs: two opposite poses, one outer contour (paper Fig. 7b).
 
 Convention: axes of images count pixels, the centre of the top-left one is (0, 0).
 """

@@ -22,7 +22,7 @@ _SEARCH = SearchConfig()
 
 
 def profile(patch: ImagePatch, point: FloatArray, normal: FloatArray, steps_px: FloatArray) -> FloatArray:
-    """(2, n): smoothed grey levels, and the gradient along the normal, at steps (n,) from a point (2,)."""
+    """(2, n): smoothed grey levels, and the gradient of light along the normal, at steps (n,) from a point (2,)."""
     at = (point - patch.origin + steps_px[:, None] * normal).astype(np.float32)
     read = cv2.remap(patch.channels, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)[0]
     return np.stack([read[:, 2], read[:, :2] @ normal]).astype(np.float64)
@@ -44,11 +44,12 @@ def draw_profile(
     steps = np.arange(-reach_px, reach_px + 0.01, 0.25)
     grey, gradient = profile(patch, point, normal, steps)
     axes.plot(steps, grey, color=UNKNOWN, label="grey level")
-    axes.plot(steps, 10.0 * np.abs(gradient), color=IMAGE, label="10 x gradient [levels/px]")
+    axes.plot(steps, 10.0 * np.abs(gradient), color=IMAGE, label="10 x gradient of light")
     candidates = search_along_normals(patch, point[None], normal[None], reach_px, config)
     found = candidates.scores[0] > 0.0
     offsets, scores = candidates.offsets[0][found], candidates.scores[0][found]
-    heights = 10.0 * np.abs(candidates.gradients[0][found])
+    # Of the curve: the search itself goes by the slope of grey levels, which at an edge differs from that of light.
+    heights = np.interp(offsets, steps, 10.0 * np.abs(gradient))
     for number, order in enumerate(np.argsort(-scores)):
         axes.plot(offsets[order], heights[order], "o", color=POINTS, markersize=5.0, label=_once("candidates", number))
         text = f"{scores[order]:.2f}"

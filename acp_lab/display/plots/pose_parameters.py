@@ -1,4 +1,4 @@
-"""The six pose parameters over a sequence, as in paper Fig. 8: the truth, and what one run or several made of it."""
+"""The six pose parameters over a sequence: the truth, and what one run or several made of it."""
 
 from __future__ import annotations
 

@@ -31,3 +31,5 @@ def test_candidates_are_drawn_where_the_gradient_peaks() -> None:
     drawn = {line.get_label(): np.asarray(line.get_xdata(), float) for line in axes.lines}
     np.testing.assert_allclose(drawn["candidates"], EDGE_X - 28.0, atol=0.1)
     np.testing.assert_allclose(drawn["its true place"], EDGE_X - 28.0)
+    heights = {line.get_label(): np.asarray(line.get_ydata(), float) for line in axes.lines}
+    np.testing.assert_allclose(heights["candidates"], heights["10 x gradient of light"].max(), rtol=0.05)
