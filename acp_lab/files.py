@@ -8,8 +8,8 @@ from __future__ import annotations
 import glob
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from acp_lab.errors import InputFileError
@@ -58,12 +58,30 @@ def write_whole(path: Path, content: bytes, what: str = "the file") -> None:
 
 def write_changed(path: Path, content: bytes, what: str = "the file") -> None:
     """Write a file of that content, unless it holds that very content already; see `replacing`."""
-    try:
-        is_same = path.read_bytes() == content
-    except OSError:
-        is_same = False
-    if not is_same:
+    if not _holds(path, content):
         write_whole(path, content, what)
+
+
+@contextmanager
+def staged(contents: Mapping[Path, bytes], what: str = "the file") -> Iterator[None]:
+    """Files of these contents, which lie beside their places by then: they are put there, the first one last, when the
+    context ends, and none is on an error, such as a full disk. What holds its content already is left alone.
+
+    Raises:
+        InputFileError: one of them cannot be written.
+    """
+    with ExitStack() as until_all_are_there:
+        for path, content in contents.items():
+            if not _holds(path, content):
+                until_all_are_there.enter_context(replacing(path, what)).write_bytes(content)
+        yield
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    try:
+        return path.read_bytes() == content
+    except OSError:
+        return False
 
 
 def check_replaces_own(path: Path, beginning: bytes, writer: str, kind: str) -> None:

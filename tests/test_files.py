@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from acp_lab.errors import InputFileError
-from acp_lab.files import remove_leftovers, replacing, write_changed, write_whole
+from acp_lab.files import remove_leftovers, replacing, staged, write_changed, write_whole
 
 
 def names(folder: Path) -> list[str]:
@@ -101,3 +102,29 @@ def test_leftovers_of_a_file_and_of_a_folder(tmp_path: Path) -> None:
     assert names(tmp_path) == [".b.csv.1.tmp", "a.csv", "a.csv.tmp"]
     remove_leftovers(tmp_path)
     assert names(tmp_path) == ["a.csv", "a.csv.tmp"]
+
+
+def test_staged_files_are_put_in_place_together_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.bin").write_bytes(b"old")
+    (tmp_path / "same.bin").write_bytes(b"same")
+    os.utime(tmp_path / "same.bin", (1.0, 1.0))
+    contents = {
+        tmp_path / name: content for name, content in (("a.bin", b"new"), ("same.bin", b"same"), ("b.bin", b"b"))
+    }
+    with staged(contents):
+        assert (tmp_path / "a.bin").read_bytes() == b"old"
+    assert [path.read_bytes() for path in contents] == [b"new", b"same", b"b"]
+    assert (tmp_path / "same.bin").stat().st_mtime == 1.0
+    really = Path.write_bytes
+
+    def full_at_the_last(path: Path, content: bytes) -> int:
+        if content == b"newest b":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return really(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full_at_the_last)
+    newest = {path: b"newest " + content for path, content in contents.items()}
+    with pytest.raises(InputFileError, match=r"b\.bin: the file cannot be written"), staged(newest):
+        raise AssertionError("not all of them could be written")
+    assert [path.read_bytes() for path in contents] == [b"new", b"same", b"b"]
+    assert names(tmp_path) == ["a.bin", "b.bin", "same.bin"]

@@ -265,14 +265,15 @@ def _replays(report: Report, worst: list[Run], tasks: list[Task], folder: Path) 
             path = folder / f"{Path(task.file_name).stem}--{task.state}.rrd"
             if not path.exists():
                 path.parent.mkdir(parents=True, exist_ok=True)
+                # Under its own name when it is whole: half a replay, of a run that was killed, would be linked to.
+                unfinished = path.with_name(f"{path.stem}.unfinished.rrd")
                 try:
-                    watch(task, [Replay(path, most_mb=_REPLAY_MB)])
+                    watch(task, [Replay(unfinished, most_mb=_REPLAY_MB)])
+                    unfinished.replace(path)
                 except AcpLabError:  # a start that is refused leaves nothing to see
-                    path.unlink(missing_ok=True)
                     continue
-                except BaseException:
-                    path.unlink(missing_ok=True)  # half a replay would be linked to next time
-                    raise
+                finally:
+                    unfinished.unlink(missing_ok=True)
             bar("replays", number + 1, len(report.methods))
             found[f"{method}: {run.sequence}, {run.variant}"] = path
     return found

@@ -33,7 +33,7 @@ class Resumption:
     """Where to go on.
 
     Attributes:
-        keep_bytes: of the results file; what stands behind them is tracked again.
+        keep_bytes: of the results file; what stands behind them is tracked again. of_bytes: how long the file was.
         done: ids of the scenes that are complete.
         scene_id, im_id: the image whose rows are the last ones kept, of the scene that is not; None between scenes.
         starts: (4, 4) cam_T_obj by object id in that image.
@@ -42,6 +42,7 @@ class Resumption:
     """
 
     keep_bytes: int
+    of_bytes: int
     done: frozenset[int]
     scene_id: int | None = None
     im_id: int | None = None
@@ -114,7 +115,8 @@ def resumption(
             )
     if not results.exists():
         return None
-    rows = rows_with_ends(results)
+    # Its length before its rows: whatever another run writes in between is noticed.
+    length, rows = results.stat().st_size, rows_with_ends(results)
     if not rows:
         return None
     info = _same_inputs(results, inputs)
@@ -138,9 +140,9 @@ def resumption(
             break  # cut off within the frame
         if im_id == job.sequence.frame_ids[:max_frames][-1]:
             done.add(scene_id)
-            last = Resumption(of_frame[-1][1], frozenset(done))
+            last = Resumption(of_frame[-1][1], length, frozenset(done))
         elif all(row.score > 0.0 for row in found):  # the part was seen, so that a tracker can start there
-            last = Resumption(of_frame[-1][1], frozenset(done), scene_id, im_id, _poses(found))
+            last = Resumption(of_frame[-1][1], length, frozenset(done), scene_id, im_id, _poses(found))
         elif last is not None:
             last = replace(last, again=last.again + 1)
     return (

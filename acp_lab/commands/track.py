@@ -330,7 +330,7 @@ def start_source(job: SceneJob, options: TrackOptions) -> str:
 def _check_in_sight(scene: BopScene, job: SceneJob, options: TrackOptions) -> None:
     """TrackingError for a start pose from which the part cannot be seen: else earlier scenes were tracked in vain."""
     from acp_lab.cad.part import box_corners
-    from acp_lab.tracking.frame_view import crop_box
+    from acp_lab.tracking.frame_view import LEAST_PART_PX, crop_box
 
     camera = scene.camera(job.sequence.frame_ids[0])
     for object_id, pose in job.starts.items():
@@ -338,7 +338,8 @@ def _check_in_sight(scene: BopScene, job: SceneJob, options: TrackOptions) -> No
         if crop_box(box_corners(part), pose, camera, 0.0) is None:
             raise TrackingError(
                 f"{start_source(job, options)}: {part.name}: at the start pose t = {pose[:3, 3].round(1).tolist()} mm "
-                "the part is behind the camera or outside the image; check pose, unit and camera"
+                f"the part is behind the camera, outside the image or smaller than {LEAST_PART_PX} px in it; "
+                "check pose, unit and camera"
             )
 
 

@@ -43,7 +43,8 @@ class ResultsObserver(ResultsFile):
     """
 
     def __init__(self, path: Path, info: dict[str, Any], go_on: Resumption | None = None) -> None:
-        super().__init__(path, info, go_on.keep_bytes if go_on else 0)
+        kept, length = (go_on.keep_bytes, go_on.of_bytes) if go_on else (0, None)
+        super().__init__(path, info, kept, length)
         self._info = info
         self._searches, self._unreadable = (info.setdefault(name, []) for name in ("searches", "unreadable"))
         self._stands = (go_on.scene_id, go_on.im_id) if go_on else None

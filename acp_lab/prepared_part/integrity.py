@@ -56,7 +56,12 @@ def add_checksums(folder: Path, header: Mapping[str, Any], version: int) -> None
 
 def write_header(folder: Path, header: Mapping[str, Any], contents: Mapping[str, bytes]) -> None:
     """Write part.json, sealed; see `sealed`. InputFileError when it cannot be written."""
-    write_changed(folder / "part.json", (json.dumps(sealed(header, contents), indent=2) + "\n").encode())
+    write_changed(folder / "part.json", header_bytes(header, contents))
+
+
+def header_bytes(header: Mapping[str, Any], contents: Mapping[str, bytes]) -> bytes:
+    """What part.json holds, sealed; see `sealed`."""
+    return (json.dumps(sealed(header, contents), indent=2) + "\n").encode()
 
 
 def read_arrays(folder: Path, header: Mapping[str, Any], stem: str) -> dict[str, np.ndarray]:

@@ -16,7 +16,7 @@ from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ALL_REGIONS
 from acp_lab.detection.view_templates import Views
 from acp_lab.errors import AcpLabError, PreparationError
-from acp_lab.files import write_changed
+from acp_lab.files import staged
 from acp_lab.generator.base import RigidGenerator
 from acp_lab.generator.device import Device
 from acp_lab.generator.painted.config import AutoencoderReport
@@ -27,7 +27,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import arrays
 from acp_lab.prepared_part.header import UNSEALED_VERSION, header_of, read_header, sha256_of, withdraw_header
-from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, write_header
+from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, header_bytes
 from acp_lab.prepared_part.options import PrepareOptions
 from acp_lab.prepared_part.trained import RegionReport, RegressionValues, Trained
 
@@ -166,7 +166,9 @@ class PreparedPart:
         return _prepare_command(self.part.path, None if self.folder is None else self.folder.parent)
 
     def save(self, folder: Path) -> None:
-        """Write the part: only files whose content differs from what is there, each atomically, part.json last.
+        """Write the part: only files whose content differs from what is there, part.json last.
+
+        A part that is there stays as it is until all of it has been written beside it.
 
         Raises:
             InputFileError: a file cannot be written.
@@ -176,10 +178,9 @@ class PreparedPart:
             name + SUFFIX: serialise({key: np.ascontiguousarray(value) for key, value in values.items()})
             for name, values in arrays.arrays_by_file(self).items()
         }
-        withdraw_header(folder, self.part.sha256, contents)
-        for name, content in contents.items():
-            write_changed(folder / name, content)
-        write_header(folder, header_of(self), contents)
+        files = {"part.json": header_bytes(header_of(self), contents), **contents}
+        with staged({folder / name: content for name, content in files.items()}):
+            withdraw_header(folder, self.part.sha256, contents)
 
     @classmethod
     def load(cls, folder: str | Path, mesh: str | Path | None = None) -> PreparedPart:

@@ -61,12 +61,16 @@ def write_pose(path: str | Path, cam_T_obj: FloatArray) -> None:
 
 
 def write_json(path: str | Path, values: Mapping[str, Any]) -> None:
-    """Write a JSON object whole or not at all; InputFileError when the place cannot be written.
+    """Write a JSON object whole or not at all; InputFileError when the place cannot be written; see `json_bytes`."""
+    write_whole(Path(path), json_bytes(values))
+
+
+def json_bytes(values: Mapping[str, Any]) -> bytes:
+    """What a JSON file of these values holds.
 
     NaN and infinity are not JSON: they raise ValueError, for the caller to say what stands for them.
     """
-    text = json.dumps(values, indent=2, allow_nan=False) + "\n"
-    write_whole(Path(path), text.encode())
+    return (json.dumps(values, indent=2, allow_nan=False) + "\n").encode()
 
 
 def shown(value: object) -> str:

@@ -10,10 +10,10 @@ Source of the format: BOP challenge, "Format of results". Numbers are written so
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from io import SEEK_END, FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError, SequenceError, TrackingError
-from acp_lab.files import check_replaces_own, remove_leftovers
+from acp_lab.files import check_replaces_own, remove_leftovers, staged
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
 from acp_lab.input_file import LARGEST_NUMBER, check_regular, read_bytes
 from acp_lab.locks import only_writer
-from acp_lab.sequences.json_file import shown, write_json
+from acp_lab.sequences.json_file import json_bytes, shown, write_json
 
 HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 HEADER_START = b"scene_id,im_id,"
@@ -62,40 +62,58 @@ class ResultsWriter:
     `with ResultsWriter("results.csv", run_info) as results: results.append(row)`. Both files are replaced
     when the writer is made: the CSV by its header alone, or by its first `keep_bytes` to go on behind them;
     `results.run.json` beside it by run_info (any mapping that JSON can hold: configuration, versions, machine).
-    Folders on the way are made. Until it is closed, no other writer may have the file.
-    Raises InputFileError when a file cannot be written, holds something else, or another program is writing it.
+    Where there is no room for the latter, the old results stay. Folders on the way are made. Until it is closed, no
+    other writer may have the file.
+
+    of_bytes: how long the file was when it was decided which of them to keep.
+
+    Raises InputFileError when a file cannot be written, holds something else, another program is writing it, or has
+    written it since `of_bytes` was read.
     """
 
-    def __init__(self, path: str | Path, run_info: Mapping[str, Any] | None = None, keep_bytes: int = 0) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        run_info: Mapping[str, Any] | None = None,
+        keep_bytes: int = 0,
+        of_bytes: int | None = None,
+    ) -> None:
         self.path = Path(path)
         check_results_place(self.path)
         with ExitStack() as on_failure:
             on_failure.enter_context(only_writer(self.path, "these results"))
             remove_leftovers(run_info_path(self.path))
-            try:
-                self._file = self.path.open("r+b" if keep_bytes else "wb", buffering=0)
+            told = {} if run_info is None else {run_info_path(self.path): json_bytes(run_info)}
+            with staged(told):
+                self._file = self._open(keep_bytes, of_bytes)
                 on_failure.callback(self._file.close)
-                self._file.truncate(keep_bytes)
-                self._whole_bytes = self._file.seek(keep_bytes)
-            except OSError as error:
-                raise self._failure(error) from None
-            if not keep_bytes:
-                self._write(",".join(HEADER))
+                if not keep_bytes:
+                    self._write(",".join(HEADER))
             if run_info is None:
                 # Of an older run; it would describe rows that are gone.
                 with suppress(FileNotFoundError):
                     run_info_path(self.path).unlink()
-            else:
-                self.write_run_info(run_info)
             self._at_the_end = on_failure.pop_all()
+
+    def _open(self, keep_bytes: int, of_bytes: int | None) -> FileIO:
+        try:
+            file = FileIO(self.path, "r+" if keep_bytes else "w")
+            if of_bytes is not None and file.seek(0, SEEK_END) != of_bytes:
+                file.close()
+                raise InputFileError(f"{self.path}: another run has written it in the meantime: look, and start again")
+            file.truncate(keep_bytes)
+            self._whole_bytes = file.seek(keep_bytes)
+        except OSError as error:
+            raise self._failure(error) from None
+        return file
 
     def append(self, row: ResultRow) -> None:
         """Write one row and hand it to the operating system; TrackingError for numbers that are no result."""
         numbers = (row.score, row.time_s, *row.cam_T_obj[:3].ravel())
-        if not all(math.isfinite(number) for number in numbers) or not 0.0 <= row.score <= 1.0:
+        if not all(abs(number) <= LARGEST_NUMBER for number in numbers) or not 0.0 <= row.score <= 1.0:
             raise TrackingError(
                 f"scene {row.scene_id}, image {row.im_id}, object {row.obj_id}: score {row.score} must be in "
-                "[0, 1], pose and time finite: report this"
+                f"[0, 1], pose and time finite and within {LARGEST_NUMBER:g}: report this"
             )
         rotation = " ".join(repr(float(value)) for value in row.cam_T_obj[:3, :3].ravel())
         translation = " ".join(repr(float(value)) for value in row.cam_T_obj[:3, 3])

@@ -93,7 +93,7 @@ class FrameSolver:
         """The frame around the part at a prior pose (4, 4).
 
         information, motion: (6, 6) and (6,), see `frame_view.View`. levels: those that it will be solved with, from the
-        prior, where these are not the method's. None where the part is behind the camera or outside the image.
+        prior, where these are not the method's. None where the part is not in sight, see `crop_box`.
         """
         margin_px = self.method.margin_px if margin_px is None else margin_px
         box = crop_box(self._corners_obj, prior, camera, margin_px)

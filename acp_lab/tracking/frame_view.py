@@ -28,6 +28,9 @@ Box = tuple[int, int, int, int]
 """(x0, y0, x1, y1) px of the full image; x1 and y1 excluded."""
 # A crop with less of the image than this shows nothing of the part.
 _LEAST_OVERLAP_PX = 8
+LEAST_PART_PX = 24
+"""A part that is smaller than this, all of it, is not tracked: its edges are within each other's reach, so that any
+pose fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,12 +191,14 @@ class FrameView(View):
 def crop_box(points_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, margin_px: float) -> Box | None:
     """The box around points (n, 3) mm of a part at a pose (4, 4), wider by a margin.
 
-    None where a point is behind the camera, or the box outside the image.
+    None where a point is behind the camera, the box outside the image, or the part too small in it to be tracked.
     """
     extent = np.empty(4)
     if not _extent(plain(points_obj), plain(cam_T_obj), camera.numbers, extent):
         return None
     x0, y0, x1, y1 = extent.tolist()
+    if max(x1 - x0, y1 - y0) < LEAST_PART_PX:
+        return None
     x0, y0, x1, y1 = x0 - margin_px, y0 - margin_px, x1 + margin_px, y1 + margin_px
     least = _LEAST_OVERLAP_PX
     if x1 < least or y1 < least or x0 > camera.width - least or y0 > camera.height - least:

@@ -25,6 +25,7 @@ from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.frame_view import LEAST_PART_PX
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.observer import Observer
@@ -131,11 +132,12 @@ class Tracker:
         seen = self._pursuit.look(frame, pose, clock)
         started = None if seen is None else self._begin(frame, seen, clock)
         if seen is None or started is None:
-            behind = " and lies behind the camera" if transform(pose, self.part.box_centre)[2] <= 0.0 else ""
+            is_behind = transform(pose, self.part.box_centre)[2] <= 0.0
+            how = " and lies behind the camera" if is_behind else f", or it is smaller than {LEAST_PART_PX} px"
             size = f"{frame.camera.width}x{frame.camera.height}"
             raise TrackingError(
                 f"{self.part.name}: at the start pose t = {np.round(pose[:3, 3], 1).tolist()} mm the part is not seen "
-                f"in frame {frame.index} ({size}){behind}; check pose, unit and camera"
+                f"in frame {frame.index} ({size}){how}; check pose, unit and camera"
             )
         seen, solution, self._trusted = started.seen, started.solution, started.trusted
         self._pursuit.region = seen.view.region
@@ -250,7 +252,7 @@ class Tracker:
     def look(self, frame: Frame, prior: FloatArray) -> SeenFrame | None:
         """A frame around the part at a pose (4, 4), as the next `track` would see it; changes nothing.
 
-        None where the part is behind the camera or outside the image.
+        None where the part is not in sight, see `crop_box`.
         """
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
@@ -417,9 +419,10 @@ class Tracker:
         judgement = solution.judgement
         return TrackResult(
             frame_id=frame.index,
-            cam_T_obj=solution.cam_T_obj,
-            predicted=predicted,
-            control_points=solution.estimate.control_points,
+            # Copies: whoever gets the result may change them, to metres say, and the tracker goes on from its own.
+            cam_T_obj=solution.cam_T_obj.copy(),
+            predicted=predicted.copy(),
+            control_points=solution.estimate.control_points.copy(),
             loss=solution.loss,
             quality=quality,
             state=self._states.state,
@@ -446,8 +449,8 @@ class Tracker:
     ) -> TrackResult:
         return TrackResult(
             frame_id=frame.index,
-            cam_T_obj=pose,
-            predicted=predicted,
+            cam_T_obj=pose.copy(),
+            predicted=predicted.copy(),
             control_points=self._project(frame.camera, pose),
             loss=float("nan"),
             quality=0.0,

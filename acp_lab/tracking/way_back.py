@@ -16,7 +16,7 @@ win against all that it finds.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -36,6 +36,8 @@ from acp_lab.tracking.sought import Sought
 
 PROPOSAL_WORK = 20_000.0
 """Of a frame that is solved from a proposal, see `detection.work`."""
+LEAST_SEARCH_WORK = 1_000.0
+"""Of a search, though it look at next to nothing: thousands of those would fit into a frame's budget."""
 PICTURE = PictureSearch(reach=1.0)
 """Of the part in the frame that was searched: a fast one moves by its own size until the search ends."""
 
@@ -52,6 +54,8 @@ class _Search(Errand[tuple[Detection, ...]]):
         aligned: int | None = None,
         rival: FloatArray | None = None,
     ) -> None:
+        # A copy, as it goes on in later frames: whoever gave this one may write the next image into it.
+        frame = replace(frame, image=frame.image.copy())
         super().__init__(finder.search(frame, most, prior, aligned, rival))
         self.frame, self.prior, self.rival = frame, prior, rival
 
@@ -208,7 +212,7 @@ class Reacquisition:
                 # Not aligned: the tracker does that in the frame in which it tries them.
                 self._near = _Search(self._finder(), frame, most, near, 0)
             search = self._near
-        budget = search.go_on(budget)
+        budget = min(search.go_on(budget), budget - LEAST_SEARCH_WORK)
         self._prior, self._began = search.prior, True
         if not search.is_done:
             return budget

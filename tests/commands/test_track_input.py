@@ -193,7 +193,7 @@ def test_a_start_out_of_sight_in_a_later_scene(
 
     edit_json(root / "test" / "000002" / "scene_gt.json", put_behind)
     outcome = track(capsys, root, parts, out)
-    told = "000002/scene_gt.json: image 0: obj_000001: at the start pose", "behind the camera or outside the image"
+    told = "000002/scene_gt.json: image 0: obj_000001: at the start pose", "behind the camera, outside the"
     assert_one_error(outcome, *told)
 
 

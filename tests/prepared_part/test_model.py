@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -19,7 +20,7 @@ from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import make_caster
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.detection.view_templates import make_views
-from acp_lab.errors import PreparationError
+from acp_lab.errors import InputFileError, PreparationError
 from acp_lab.generator.painted.config import AutoencoderReport
 from acp_lab.generator.painted.image_generator import RegionAutoencoder
 from acp_lab.generator.painted.quality import GenerationQuality
@@ -589,3 +590,24 @@ def fail_at(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
         really(source, target)
 
     monkeypatch.setattr(os, "replace", replace_or_stop)
+
+
+def test_a_full_disk_keeps_the_part_that_was_there(
+    model: PreparedPart, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of a part is written beside it before anything is replaced."""
+    other = replace(model.networks[0], bias1=model.networks[0].bias1 + 1.0)
+    networks = Trained({**model.networks, 0: other}, model.networks.reports, "other")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    really = Path.write_bytes
+
+    def full(path: Path, content: bytes) -> int:
+        if "visibility_0" in path.name:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return really(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(InputFileError, match=r"visibility_0\.safetensors: .*No space left"):
+        replace(model, networks=networks).save(folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert set(PreparedPart.load(folder).networks) == {0, 4}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -190,3 +191,42 @@ def test_of_several_start_poses_of_an_object_the_most_likely_counts(tmp_path: Pa
     np.testing.assert_allclose(start_poses(path, 1, 0)[1], poses[0.9], atol=1e-12)
     with pytest.raises(InputFileError, match="line 3: scene 1, image 0, object 1 stands in line 2 already"):
         read_results(path)
+
+
+def test_old_results_stay_where_the_new_run_cannot_be_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "results.csv"
+    with ResultsWriter(path, {"run": 1}) as results:
+        results.append(_row())
+    before = path.read_bytes(), run_info_path(path).read_bytes()
+
+    def full(path: Path, content: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(InputFileError, match=r"results.run.json: the file cannot be written \(No space left"):
+        ResultsWriter(path, {"run": 2})
+    assert (path.read_bytes(), run_info_path(path).read_bytes()) == before
+
+
+@pytest.mark.parametrize("rows", [0, 2], ids=["restarted", "went on"])
+def test_a_file_that_another_run_wrote_in_between_is_not_gone_on_with(tmp_path: Path, rows: int) -> None:
+    path = tmp_path / "results.csv"
+    with ResultsWriter(path) as results:
+        results.append(_row(0))
+    length = path.stat().st_size
+    with ResultsWriter(path, keep_bytes=length, of_bytes=length):
+        pass
+    with ResultsWriter(path) as results:
+        for im_id in range(rows):
+            results.append(_row(im_id))
+    between = path.read_bytes()
+    with pytest.raises(InputFileError, match="another run has written it in the meantime"):
+        ResultsWriter(path, {"run": 2}, keep_bytes=length, of_bytes=length)
+    assert path.read_bytes() == between
+    assert not run_info_path(path).exists()
+
+
+def test_a_pose_that_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    away = ResultRow(1, 0, 1, 0.5, make_pose(np.eye(3), np.array([0.0, 0.0, 2e9])))
+    with ResultsWriter(tmp_path / "results.csv") as results, pytest.raises(TrackingError, match="within 1e\\+09"):
+        results.append(away)

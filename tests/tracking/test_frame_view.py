@@ -15,7 +15,7 @@ from acp_lab.geometry.homography import apply_homography
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.tracking.frame_view import View, crop_box
+from acp_lab.tracking.frame_view import LEAST_PART_PX, View, crop_box
 from tests.made_parts import looking_at
 from tests.tracking.rendered import CAMERA
 from tests.tracking.views import prior_of, view_at
@@ -153,3 +153,12 @@ def test_a_sliver_of_image_shows_nothing_of_the_part(part: Part, overlap_px: flo
         step[3] = gap_px * 330.0 / CAMERA.fx
         pose = move_pose(pose, part.box_centre, step)
     assert (crop_box(box_corners(part), pose, CAMERA, 0.0) is None) == (overlap_px < 8.0)
+
+
+def test_no_box_of_a_part_that_is_too_small_to_be_tracked(view: View, part: Part) -> None:
+    extent_px = np.ptp(CAMERA.project(transform(view.prior, box_corners(part))), axis=0).max()
+    for share, is_seen in ((1.1, True), (0.9, False)):
+        camera = replace(
+            CAMERA, fx=CAMERA.fx * share * LEAST_PART_PX / extent_px, fy=CAMERA.fy * share * LEAST_PART_PX / extent_px
+        )
+        assert (crop_box(box_corners(part), view.prior, camera, 32.0) is not None) == is_seen

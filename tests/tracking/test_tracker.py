@@ -25,6 +25,9 @@ from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.prepared_part.trained import RegionReport
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking import way_back
+from acp_lab.tracking.find import Finder
+from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import Estimate
 from acp_lab.tracking.learning.contour_offsets import ContourOffsets
@@ -738,7 +741,7 @@ def test_where_all_levels_find_less_than_before_the_last_alone_has_its_try(
     monkeypatch.setattr(FrameSolver, "solve", told)
     result = tracker.track(Frame(1, images[1], CAMERA))
     assert len(found) == tried
-    assert result.cam_T_obj is found[taken].cam_T_obj
+    np.testing.assert_array_equal(result.cam_T_obj, found[taken].cam_T_obj)
 
 
 @pytest.mark.parametrize("wrong_px", [30.0, -35.0])
@@ -871,3 +874,35 @@ def test_a_sharp_first_frame_is_measured_once(monkeypatch: pytest.MonkeyPatch) -
     for k, pose in enumerate(at[1:], 1):
         tracker.track(Frame(k, draw([(part, pose)], k), CAMERA))
     assert len(measured) == 1
+
+
+# ---- what others do with frames and results --------------------------------------------------------------------
+
+
+def test_whoever_changes_a_result_does_not_change_the_tracker(model: PreparedPart, sequence: MadeSequence) -> None:
+    """To metres, for a robot."""
+
+    def poses_of(change: bool) -> list[FloatArray]:
+        tracker, found = Tracker(model, AS_DRAWN), []
+        frames = [*sequence.frames(), UnreadableFrame(99, None, "is damaged"), next(iter(sequence.frames()))]
+        for frame in frames:
+            result = tracker.track(frame) if found else tracker.start(frame, sequence.first_pose)  # type: ignore[arg-type]
+            found.append(result.cam_T_obj.copy())
+            if change:
+                for values in (result.cam_T_obj, result.predicted, result.control_points):
+                    values[:] = values / 1000.0
+        return found
+
+    np.testing.assert_array_equal(poses_of(change=True), poses_of(change=False))
+
+
+def test_what_is_read_again_later_is_a_copy_of_the_image(model: PreparedPart, sequence: MadeSequence) -> None:
+    """Whoever gives frames may write each into the same array."""
+    frame = next(iter(sequence.frames()))
+    assert isinstance(frame, Frame)
+    image = frame.image.copy()
+    first = FirstFrame(replace(frame, image=image), sequence.first_pose, 0)
+    search = way_back._Search(Finder(model), replace(frame, image=image), 1, None)
+    image[:] = 0
+    np.testing.assert_array_equal(first._frame.image, frame.image)
+    np.testing.assert_array_equal(search.frame.image, frame.image)

@@ -388,3 +388,17 @@ def test_weak_poses_do_not_move_where_it_was_last_seen(
             lost = tracker.track(Frame(k, images[k], LARGE))
         assert lost.state is TrackState.LOST
         assert add_percent(model.part, tracker.last, expected) < 2.0
+
+
+def test_searches_that_cost_next_to_nothing_do_not_fill_a_frame_by_the_thousand() -> None:
+    """A part that hardly shows in a small image is looked for in no time, again and again."""
+    way_back, finder = searching(slices=1, score=0.0, budget=25_000.0)
+
+    def hardly_anything(frame: Frame, top: int, prior: object, *_: object) -> Steps[tuple[Detection, ...]]:
+        finder.asked.append(0.0)
+        yield 0.5
+        return ()
+
+    finder.search = hardly_anything  # type: ignore[method-assign, assignment]
+    way_back.proposals(frame(0), ANYWHERE)
+    assert 1 <= len(finder.asked) <= 25
