@@ -23,7 +23,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera, check_plausible
 from acp_lab.input_file import read_json_object
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.image_file import IMAGE_SUFFIXES, read_rgb
+from acp_lab.sequences.image_file import IMAGE_SUFFIXES, read_first, read_rgb
 from acp_lab.sequences.json_file import numbers
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import at_most, only_pose
@@ -137,8 +137,7 @@ class BopScene:
         if truth is None and (self.folder / "scene_gt.json").exists():
             self.ground_truth = SceneTruth.from_file(self.folder / "scene_gt.json")
         first_path = self.image_paths[self.frame_ids[0]]
-        self._coding = PixelCoding.beside(first_path.parent)
-        first = read_rgb(first_path, self._coding)
+        first, self._coding = read_first(first_path, PixelCoding.beside(first_path.parent))
         height, width = first.shape[:2]
         self._cameras = _read_cameras(self.folder / "scene_camera.json", self.frame_ids, width, height)
 

@@ -7,6 +7,7 @@ cameras (EXIF, and the one of TIFF) are not obeyed: a calibration belongs to the
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,6 +28,8 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 LARGEST_PIXELS = 120_000_000
 """Of one image, width times height; decoding that takes some 0.7 GB. No area-scan camera of a cell has more."""
 _JPEG_END = b"\xff\xd9"
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
+"""Behind the picture's own bytes: in these 0 follows a 0xFF, and numbered restarts (0xD0 to 0xD7) stand between."""
 _MISSING = 128
 _MORE = b"\x55" * 64
 _UNTOLD = PixelCoding()
@@ -38,6 +41,17 @@ def read_rgb(path: Path, coding: PixelCoding = _UNTOLD) -> ByteImage:
     Raises InputFileError for a file that is missing, empty, cut short or damaged, for one of more than
     LARGEST_PIXELS, and for pixels that are neither 8 nor 16 bits or that `coding` does not fit.
     """
+    return coding.rgb(_pixels(path), str(path))
+
+
+def read_first(path: Path, coding: PixelCoding) -> tuple[ByteImage, PixelCoding]:
+    """As `read_rgb`, for the first of several images of one kind, with the coding for those behind it."""
+    pixels = _pixels(path)
+    return coding.rgb(pixels, str(path)), coding.behind(pixels)
+
+
+def _pixels(path: Path) -> np.ndarray:
+    """As OpenCV decodes them; InputFileError for a file that `read_rgb` refuses."""
     data = _bytes_of(path)
     damage = _damage(data)
     pixels = None
@@ -48,7 +62,7 @@ def read_rgb(path: Path, coding: PixelCoding = _UNTOLD) -> ByteImage:
         damage, pixels = "JPEG is cut short (its end was put back)", None
     if pixels is None:
         raise InputFileError(f"{path}: {damage or 'cannot be decoded as an image'}: replace or remove it")
-    return coding.rgb(pixels, str(path))
+    return pixels
 
 
 def image_damage(path: Path) -> str | None:
@@ -122,10 +136,18 @@ def _jpeg_damage(data: bytes) -> str | None:
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
-        if marker == 0xDA:
-            return None if data.find(_JPEG_END, at) >= 0 else "JPEG is cut short"
         # 0xFF before a marker is padding; the others have a length.
         at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+        if marker != 0xDA:
+            continue
+        # Decoders end the picture at a marker that damage made, and fill the rest with mid grey. Where it is no
+        # real one, no other stands where its length would have it.
+        behind = _JPEG_MARKER.search(data, at)
+        if behind is None:
+            return "JPEG is cut short"
+        if behind.group() == _JPEG_END:
+            return None
+        at = behind.start()
     return "JPEG is cut short or damaged"
 
 

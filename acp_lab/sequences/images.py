@@ -12,9 +12,10 @@ import os
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -24,7 +25,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.input_file import check_regular
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.image_file import IMAGE_SUFFIXES, LARGEST_PIXELS, quiet_cv2, read_rgb
+from acp_lab.sequences.image_file import IMAGE_SUFFIXES, LARGEST_PIXELS, quiet_cv2, read_first, read_rgb
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import at_most
 
@@ -33,11 +34,14 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 _FAILURES_IN_A_ROW = 30
 """Live images that may fail, one second's worth, before a camera is taken for unplugged."""
+_DAMAGED_IN_A_ROW = 300
+"""Frames of a video that may be damaged one after another, before it is taken for ended."""
 _LARGEST_DEVICE = 2**31 - 1
 _UNCOUNTED = 2
 """Frames by which the headers of sound videos are off."""
 _UNDECODED = -1
 """Of cv2.CAP_PROP_FORMAT: packets as they are in the file."""
+_Found = TypeVar("_Found")
 
 
 class _OwnImages(ABC):
@@ -104,7 +108,8 @@ class _OwnImages(ABC):
 class ImageFolder(_OwnImages):
     """The images of a folder, in natural order of their names: 2.png before 10.png.
 
-    A pixels.json among them says how their values are meant (`PixelCoding`); `coding` overrules it. Raises
+    Names that begin with a dot are passed over: they are hidden, and those of macOS hold no pictures. A pixels.json
+    among the images says how their values are meant (`PixelCoding`); `coding` overrules it. Raises
     InputFileError for a folder that is missing, a first image that cannot be read or is not of the
     camera's size, SequenceError for a folder without images.
     """
@@ -114,13 +119,11 @@ class ImageFolder(_OwnImages):
         if not self.folder.is_dir():
             raise InputFileError(f"{self.folder}: no such folder: give a folder of images")
         super().__init__(Path(os.path.abspath(self.folder)).name, camera)
-        files = [path for path in self.folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
-        self.image_paths = tuple(sorted(files, key=lambda path: _natural(path.name)))
-        if not self.image_paths:
-            raise SequenceError(f"{self.folder}: holds no images: put {', '.join(IMAGE_SUFFIXES)} there")
+        self.image_paths = _images_in(self.folder)
         self.frame_ids = tuple(range(len(self.image_paths)))
-        self._coding = PixelCoding.beside(self.folder) if coding is None else coding
-        self._check_first(read_rgb(self.image_paths[0], self._coding), str(self.image_paths[0]))
+        coding = PixelCoding.beside(self.folder) if coding is None else coding
+        first, self._coding = read_first(self.image_paths[0], coding)
+        self._check_first(first, str(self.image_paths[0]))
 
     def _read(self) -> Iterator[Frame | UnreadableFrame]:
         for index, path in enumerate(self.image_paths):
@@ -136,8 +139,8 @@ class VideoFile(_OwnImages):
     """The frames of a video file, turned upright where its header says so.
 
     frame_ids: as many as the file holds; what headers announce is a guess in some kinds of files.
-    A file that ends well before its header says, in frames and in time, is cut short: its last frame is an
-    UnreadableFrame that says so.
+    A frame that cannot be decoded is an UnreadableFrame if others follow. A file that ends well before its header
+    says, in frames and in time, is cut short: its last frame is an UnreadableFrame that says so.
     Raises InputFileError for a file that is missing, no video, or not of the camera's size.
     """
 
@@ -159,13 +162,11 @@ class VideoFile(_OwnImages):
     def _read(self) -> Iterator[Frame | UnreadableFrame]:
         index = 0
         with _capture(str(self.path), cv2.CAP_FFMPEG) as video:
-            while True:
-                found, image = video.read()
-                if not found:
-                    break
-                # After a read, the position is the time stamp of the frame just read.
-                time_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-                yield self._frame(index, _rgb(image), str(self.path), time_s)
+            for picture in _to_the_end(lambda: _timed_picture(video)):
+                if picture is None:
+                    yield self._unreadable(index, f"{self.path}: frame {index} is damaged")
+                else:
+                    yield self._frame(index, picture[0], str(self.path), picture[1])
                 index += 1
         if index + _UNCOUNTED < self._promised:
             yield self._unreadable(
@@ -231,11 +232,7 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
     """
     path = Path(source)
     if path.is_dir():
-        files = [file for file in path.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
-        if not files:
-            raise SequenceError(f"{path}: holds no images: put {', '.join(IMAGE_SUFFIXES)} there")
-        first = min(files, key=lambda file: _natural(file.name))
-        image = read_rgb(first, PixelCoding.beside(path) if coding is None else coding)
+        image = read_rgb(_images_in(path)[0], PixelCoding.beside(path) if coding is None else coding)
         return image.shape[1], image.shape[0]
     number = _device_number(path)
     is_device = number is not None
@@ -249,6 +246,16 @@ def first_size(source: str | Path, coding: PixelCoding | None = None) -> tuple[i
         fix = "check its number and its cable" if is_device else "convert it, as to H.264"
         raise InputFileError(f"{path}: gives no image: {fix}")
     return picture.shape[1], picture.shape[0]
+
+
+def _images_in(folder: Path) -> tuple[Path, ...]:
+    """The image files of a folder in natural order, hidden ones left out; SequenceError when there are none."""
+    files = [
+        path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
+    ]
+    if not files:
+        raise SequenceError(f"{folder}: holds no images: put {', '.join(IMAGE_SUFFIXES)} there")
+    return tuple(sorted(files, key=lambda path: _natural(path.name)))
 
 
 def _device_number(path: Path) -> int | None:
@@ -280,25 +287,49 @@ def _capture(source: str | int, backend: int, *how: tuple[int, ...]) -> Iterator
         capture.release()
 
 
+def _to_the_end(read: Callable[[], _Found | None]) -> Iterator[_Found | None]:
+    """What a video gives, None for each time it fails: damage, as far as anything follows, and else its end."""
+    failures = 0
+    while failures < _DAMAGED_IN_A_ROW:
+        found = read()
+        if found is None:
+            failures += 1
+            continue
+        yield from (None for _ in range(failures))
+        yield found
+        failures = 0
+
+
+def _timed_picture(video: cv2.VideoCapture) -> tuple[ByteImage, float] | None:
+    """The next frame of a video and its time, s; None where it fails."""
+    found, image = video.read()
+    # After a read, the position is the time stamp of the frame just read.
+    return (_rgb(image), video.get(cv2.CAP_PROP_POS_MSEC) / 1000.0) if found else None
+
+
+def _packet_time(packets: cv2.VideoCapture) -> float | None:
+    """Of the next packet, in frames since time 0, where its first one need not be; None where it fails."""
+    return packets.get(cv2.CAP_PROP_PTS) if packets.grab() else None
+
+
 def _frame_counts(path: Path, announced: int, fps: float) -> tuple[int, int]:
     """How many frames a video holds, and how many it should: more only where it is cut short.
 
     Some containers, such as Matroska, announce no number; OpenCV makes one up from the duration, as if frames came at
-    equal times. So the packets are counted, which are not decoded for it, and their times have a say: a film that
-    lasts as long as announced is whole.
+    equal times and from time 0 on. So the packets are counted, which are not decoded for it, and their times have a
+    say: a film that lasts as long as announced is whole.
 
     announced, fps: frames and frames per second, as the header has them.
     """
-    times_s: list[float] = []
     with _capture(str(path), cv2.CAP_FFMPEG, (cv2.CAP_PROP_FORMAT, _UNDECODED)) as packets:
-        while packets.grab():
-            times_s.append(packets.get(cv2.CAP_PROP_POS_MSEC) / 1000.0)
-    if not times_s or not fps > 0.0:
+        found = list(_to_the_end(lambda: _packet_time(packets)))
+    held, times = len(found), [time for time in found if time is not None]
+    if not times or not fps > 0.0:
         return announced, announced
-    longest_s = float(np.diff(np.sort(times_s)).max(initial=1.0 / fps))
-    missing_s = announced / fps - max(times_s)
-    is_cut = len(times_s) + _UNCOUNTED < announced and missing_s > (1 + _UNCOUNTED) * longest_s
-    return len(times_s), announced if is_cut else min(len(times_s), announced or len(times_s))
+    longest = float(np.diff(np.sort(times)).max(initial=1.0))
+    missing = announced - max(times)
+    is_cut = held + _UNCOUNTED < announced and missing > (1 + _UNCOUNTED) * longest
+    return held, announced if is_cut else min(held, announced or held)
 
 
 def _check_frame_size(video: cv2.VideoCapture, path: Path) -> None:

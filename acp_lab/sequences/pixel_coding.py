@@ -6,12 +6,13 @@ were grey. No file tells either, so a small file beside the images does:
     pixels.json    {"bits": 12, "bayer": "rggb"}        both optional
 
 bits: a pixel at full light is 2^bits - 1. bayer: colours of the top-left 2 x 2 pixels, row by row. Without it, 16-bit
-files are scaled from their full range, and what looks like 12 bits in 16 or like a raw picture is refused.
+files are scaled from their full range, and what looks like 14 bits or fewer in 16 or like a raw picture is refused.
+Of several images the first is judged so: those behind it may be dark.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -31,7 +32,7 @@ BAYER_CODES = {
     "bggr": cv2.COLOR_BayerBGGR2RGB,
 }
 _CHANNEL_CODES = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}
-_TWELVE_BITS = 4095
+_FEWER_BITS = (12, 14)
 _LEAST_DIFFERENCE = 0.03
 """Of the brightness behind the filter's colours; between the sites of a grey picture it is below 0.005."""
 
@@ -89,17 +90,22 @@ class PixelCoding:
             raise InputFileError(f"{where}: image has {channels} channels: convert it to 8-bit RGB")
         return np.asarray(cv2.cvtColor(values, _CHANNEL_CODES[channels]), dtype=np.uint8)
 
+    def behind(self, first: np.ndarray) -> PixelCoding:
+        """For the images behind a first one that `rgb` took: if that used 16 bits, they do, however dark one is."""
+        return replace(self, bits=16) if self.bits is None and first.dtype == np.uint16 else self
+
     def _bytes(self, pixels: np.ndarray, where: str) -> ByteImage:
         if pixels.dtype == np.uint8:
             return pixels
         if pixels.dtype != np.uint16:
             raise InputFileError(f"{where}: pixels are {pixels.dtype}: convert the image to 8-bit RGB")
         largest = int(pixels.max())
-        # Sensors of 10 or 12 bits are often stored so; scaled from 16 they would come out black.
-        if self.bits is None and largest <= _TWELVE_BITS:
+        # Sensors of 10, 12 or 14 bits are often stored so; scaled from 16 they would come out dark or black.
+        fewer = next((bits for bits in _FEWER_BITS if largest < 2**bits), None)
+        if self.bits is None and fewer is not None:
             raise InputFileError(
                 f"{where}: 16-bit image with values up to {largest} only: say how many bits are meant in {FILE_NAME} "
-                f'beside it, as {{"bits": 12}}, or convert it to 8-bit RGB'
+                f'beside it, as {{"bits": {fewer}}} or, if it is only dark, {{"bits": 16}}, or convert it to 8-bit RGB'
             )
         white = 2 ** (self.bits or 16) - 1
         if largest > white:

@@ -51,9 +51,11 @@ def test_16_bit_images_are_scaled_from_their_full_range(tmp_path: Path) -> None:
     np.testing.assert_array_equal(grey[..., 1], COLOUR[..., 0])
 
 
-def test_12_bits_in_16_are_refused_with_the_mend(tmp_path: Path) -> None:
-    path = _write(tmp_path / "dark.png", COLOUR[..., 0].astype(np.uint16) * 16)
-    with pytest.raises(InputFileError, match=r"dark\.png: 16-bit image with values up to \d+ only: say how many bits"):
+@pytest.mark.parametrize("bits", [10, 12, 14])
+def test_fewer_bits_in_16_are_refused_with_the_mend(tmp_path: Path, bits: int) -> None:
+    path = _write(tmp_path / "dark.png", COLOUR[..., 0].astype(np.uint16) << (bits - 8))
+    mend = rf'16-bit image with values up to \d+ only: say how many bits .*, as {{"bits": {max(bits, 12)}}}'
+    with pytest.raises(InputFileError, match=rf"dark\.png: {mend}"):
         read_rgb(path)
 
 
@@ -160,6 +162,20 @@ def test_a_cut_jpeg_with_its_end_mark_put_back_is_noticed(
     path.write_bytes(data[: picture + int(kept * (len(data) - picture))] + b"\xff\xd9")
     with pytest.raises(InputFileError, match="JPEG is cut short"):
         read_rgb(path)
+
+
+@pytest.mark.parametrize("settings", JPEG_KINDS.values(), ids=JPEG_KINDS)
+def test_a_marker_that_ends_a_jpeg_in_its_middle_is_noticed(
+    tmp_path: Path, settings: tuple[int, ...], capfd: pytest.CaptureFixture[str]
+) -> None:
+    data = bytearray(jpeg(smooth(), *settings))
+    middle = (data.index(b"\xff\xda") + len(data)) // 2
+    data[middle : middle + 2] = b"\xff\x37"
+    path = tmp_path / "a.jpg"
+    path.write_bytes(data)
+    with pytest.raises(InputFileError, match="JPEG is cut short or damaged"):
+        read_rgb(path)
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("settings", JPEG_KINDS.values(), ids=JPEG_KINDS)

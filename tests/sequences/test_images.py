@@ -23,7 +23,7 @@ from acp_lab.sequences import (
     open_images,
 )
 from acp_lab.sequences.images import first_size
-from tests.sequences.timed_video import timed_video
+from tests.sequences.timed_video import coded_video, timed_video
 from tests.sequences.tiny_dataset import HEIGHT, WIDTH, write_image
 
 CAMERA = Camera(WIDTH, HEIGHT, 80.0, 81.0, 31.5, 23.5)
@@ -63,6 +63,19 @@ def test_a_folder_is_read_in_natural_order_and_numbered_from_0(tmp_path: Path) -
         assert frame.image[0, 0].tolist() == [200, 0, 0]
         assert frame.image[0, -1, 0] == 10 * i
     assert len(list(images.frames(2))) == 2
+
+
+def test_hidden_files_of_a_folder_are_no_frames(tmp_path: Path) -> None:
+    folder = _folder(tmp_path / "clip", ("1.png", "2.png"))
+    (folder / "._1.png").write_bytes(b"what macOS notes of a file")
+    write_image(folder / ".0.png", width=40)
+    assert [path.name for path in ImageFolder(folder, CAMERA).image_paths] == ["1.png", "2.png"]
+    assert first_size(folder) == (WIDTH, HEIGHT)
+    for path in folder.glob("[12].png"):
+        path.unlink()
+    for call in (lambda: ImageFolder(folder, CAMERA), lambda: first_size(folder)):
+        with pytest.raises(SequenceError, match="holds no images"):
+            call()
 
 
 def test_frames_are_undistorted_once_and_carry_the_pinhole_camera(tmp_path: Path) -> None:
@@ -147,6 +160,7 @@ def test_a_video_that_ends_early_says_so(name: str, tmp_path: Path) -> None:
         [0, 33, 67, 133, 167, 233, 267, 300, 367, 400, 467, 500],  # OpenCV announces 16
         [16 * i for i in range(12)],  # 6
         [33 * i + 300 * (i > 6) for i in range(12)],
+        [33 * i + 5000 for i in range(12)],  # 162
     ],
 )
 def test_a_video_whose_frames_come_at_uneven_times_is_whole(times_ms: list[int], tmp_path: Path) -> None:
@@ -154,6 +168,38 @@ def test_a_video_whose_frames_come_at_uneven_times_is_whole(times_ms: list[int],
     frames = list(video.frames())
     assert all(isinstance(frame, Frame) for frame in frames)
     assert video.frame_ids == tuple(frame.index for frame in frames) == tuple(range(12))
+
+
+@pytest.mark.parametrize("codec", ["mjpeg", "libx264"])
+def test_a_damaged_frame_does_not_end_a_video(codec: str, tmp_path: Path) -> None:
+    path, places = coded_video(tmp_path / ("clip.avi" if codec == "mjpeg" else "clip.mp4"), codec, 20)
+    data = bytearray(path.read_bytes())
+    at, size = places[7]
+    data[at : at + size] = bytes(size)
+    path.write_bytes(data)
+    video = VideoFile(path, CAMERA)
+    frames = list(video.frames())
+    assert video.frame_ids == tuple(frame.index for frame in frames) == tuple(range(20))
+    (damaged,) = (frame for frame in frames if isinstance(frame, UnreadableFrame))
+    assert damaged.reason == f"{path}: frame {damaged.index} is damaged"
+    if codec == "mjpeg":  # where frames lean on others, those around it may go first
+        assert damaged.index == 7
+        assert [frame.time_s for frame in frames if isinstance(frame, Frame)] == pytest.approx(
+            [i / 30 for i in range(20) if i != 7], abs=1e-3
+        )
+
+
+def test_damage_up_to_the_end_of_a_video_is_one_early_end(tmp_path: Path) -> None:
+    path, places = coded_video(tmp_path / "clip.avi", "mjpeg", 20)
+    data = bytearray(path.read_bytes())
+    for at, size in places[13:]:
+        data[at : at + size] = bytes(size)
+    path.write_bytes(data)
+    *before, last = VideoFile(path, CAMERA).frames()
+    assert [frame.index for frame in before if isinstance(frame, Frame)] == list(range(13))
+    assert len(before) == 13
+    assert isinstance(last, UnreadableFrame)
+    assert "ends after 13 of the 20 frames" in last.reason
 
 
 @pytest.mark.parametrize("content", [b"", b"this is no video"])

@@ -142,6 +142,25 @@ def test_folders_and_scenes_obey_the_file_beside_their_images(tmp_path: Path) ->
         ImageFolder(tmp_path / "clip", camera, PixelCoding())
 
 
+def test_a_dark_image_behind_a_first_one_of_16_bits_is_read(tmp_path: Path) -> None:
+    camera = Camera(WIDTH, HEIGHT, 80.0, 80.0, 31.5, 23.5)
+    scene = write_scene(tmp_path / "set" / "test" / "000001")
+    for i, value in enumerate((60_000, 0, 2570)):
+        for path in (scene / "rgb" / f"{i:06d}.png", tmp_path / "clip" / f"{i}.png"):
+            write(path, np.full((HEIGHT, WIDTH), value, np.uint16))
+    for sequence in (BopScene(scene), ImageFolder(tmp_path / "clip", camera)):
+        frames = list(sequence.frames())
+        assert [frame.image.max() for frame in frames if isinstance(frame, Frame)] == [233, 0, 10]
+
+
+def test_fewer_bits_behind_a_first_image_of_8_are_not_guessed(tmp_path: Path) -> None:
+    write(tmp_path / "0.png", scene_colours(HEIGHT, WIDTH))
+    write(tmp_path / "1.png", np.full((HEIGHT, WIDTH), 4000, np.uint16))
+    _, second = ImageFolder(tmp_path, Camera(WIDTH, HEIGHT, 80.0, 80.0, 31.5, 23.5)).frames()
+    assert isinstance(second, UnreadableFrame)
+    assert "say how many bits" in second.reason
+
+
 def test_damage_is_seen_without_decoding(tmp_path: Path) -> None:
     path = write(tmp_path / "a.png", scene_colours())
     assert image_damage(path) is None

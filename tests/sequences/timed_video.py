@@ -1,4 +1,4 @@
-"""A video whose frames come at times of one's own choice, as those of phones and screen recorders do."""
+"""Videos whose frames come at times of one's own choice, as those of phones do, or lie at known places in the file."""
 
 from __future__ import annotations
 
@@ -29,3 +29,17 @@ def timed_video(path: Path, times_ms: Sequence[int], images: Sequence[np.ndarray
             film.mux(stream.encode(frame))
         film.mux(stream.encode(None))
     return path
+
+
+def coded_video(path: Path, codec: str, count: int) -> tuple[Path, list[tuple[int, int]]]:
+    """Write noise of the tiny data set's size; the file, and place and number of bytes of each frame, in order."""
+    images = np.random.default_rng(0).integers(0, 256, (count, HEIGHT, WIDTH, 3), dtype=np.uint8)
+    with av.open(str(path), "w") as film:
+        stream = film.add_stream(codec, rate=30)
+        stream.height, stream.width = HEIGHT, WIDTH
+        stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        for image in images:
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        film.mux(stream.encode(None))
+    with av.open(str(path)) as film:
+        return path, [(packet.pos, packet.size) for packet in film.demux(video=0) if packet.pos is not None]
