@@ -18,6 +18,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse  # noqa: E402
 import sys  # noqa: E402
 from collections.abc import Sequence  # noqa: E402
+from itertools import islice  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 from data_recipes.command import Parser, count, names_of, positive, run, whole  # noqa: E402
@@ -38,11 +39,13 @@ SAMPLE = Plan(
 
 def make_plans(args: argparse.Namespace) -> list[Plan]:
     """The sequences that the options ask for."""
-    count = args.sequences or max(len(args.parts), len(args.kinds), len(args.edge_break))
+    listed = [] if args.random_parts is not None else args.parts
+    count = args.sequences or max(len(listed), len(args.kinds), len(args.edge_break))
+    parts = listed or _random_names(args.random_parts, count)
     width, height = args.size
     return [
         Plan(
-            args.parts[k % len(args.parts)],
+            parts[k % len(parts)],
             SceneConfig(
                 kind=args.kinds[k % len(args.kinds)],
                 frames=args.frames,
@@ -57,6 +60,13 @@ def make_plans(args: argparse.Namespace) -> list[Plan]:
         )
         for k in range(count)
     ]
+
+
+def _random_names(first_seed: int, count: int) -> list[str]:
+    # Imported late: it needs the `recipes` extra, the options do not.
+    from data_recipes.metal.random_parts import unlike_from_all_sides
+
+    return [part.name for part in islice(unlike_from_all_sides(first_seed), count)]
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -85,6 +95,9 @@ def build_parser() -> Parser:
         "--parts", type=names_of(PART_NAMES, "part"), default=list(FIRST_PARTS),
         help=f"{', '.join(PART_NAMES)} (the first {len(FIRST_PARTS)})",
     )  # fmt: skip
+    parser.add_argument(
+        "--random-parts", type=whole, metavar="SEED", help="instead of --parts: others, that nobody drew"
+    )
     parser.add_argument("--kinds", type=names_of(KINDS, "kind"), default=["regular"], help=", ".join(KINDS))
     parser.add_argument("--sequences", type=count, help="how many (default: the longest list)")
     parser.add_argument("--frames", type=count, default=40, help="frames per sequence (40)")

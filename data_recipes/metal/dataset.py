@@ -25,9 +25,10 @@ from data_recipes.bop_writer import (
     write_scene,
 )
 from data_recipes.command import note
-from data_recipes.metal.cad_parts import CadPart, make_part
+from data_recipes.metal.cad_parts import CadPart
 from data_recipes.metal.path_traced import path_tracer
 from data_recipes.metal.plan import Plan, SceneConfig
+from data_recipes.metal.random_parts import part_named
 from data_recipes.metal.render import Picture, Renderer
 from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal.sensor import make_sensor
@@ -79,7 +80,7 @@ def render_scene(text: str) -> str:
 
 @lru_cache(maxsize=8)
 def _part(name: str) -> CadPart:
-    return make_part(name)
+    return part_named(name)
 
 
 def bop_model(part: CadPart) -> Model:

@@ -44,7 +44,7 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def find_creases(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = CREASE_DEG) -> Creases:
-    """All edges of a watertight mesh whose two faces' normals differ by more than `crease_deg`."""
+    """All edges of a watertight mesh, of some length, whose two faces' normals differ by more than `crease_deg`."""
     half = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     owner = np.tile(np.arange(len(faces)), 3)
     forward = half[:, 0] < half[:, 1]
@@ -55,10 +55,11 @@ def find_creases(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = CR
     normals = face_normals(vertices, faces)
     normal_a, normal_b = normals[face_a], normals[face_b]
     turn = np.arccos(np.clip(np.einsum("ij,ij->i", normal_a, normal_b), -1, 1))
-    keep = turn > np.deg2rad(crease_deg)
-    edges, normal_a, normal_b, turn = edges[keep], normal_a[keep], normal_b[keep], turn[keep]
     along = vertices[edges[:, 1]] - vertices[edges[:, 0]]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    length = np.linalg.norm(along, axis=1)
+    keep = (turn > np.deg2rad(crease_deg)) & (length > 0.0)  # slivers of a random cut may have ends in one place
+    edges, normal_a, normal_b, turn = edges[keep], normal_a[keep], normal_b[keep], turn[keep]
+    along = along[keep] / length[keep, None]
     # Face a holds the edge in its own counter-clockwise order, so its inside lies to the left: n x e.
     inward_a, inward_b = np.cross(normal_a, along), -np.cross(normal_b, along)
     convex = np.einsum("ij,ij->i", inward_a, normal_b) < 0

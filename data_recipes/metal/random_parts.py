@@ -1,21 +1,27 @@
 """Parts that nobody drew: blocks, plates, hubs and angles with random cuts and bosses, each from its seed.
 
-For training what must hold for any machined part, not for those of one list. They have no names, no groups that mean
-anything, and may have symmetries: nothing is tracked on them.
+For training what must hold for any machined part, not for those of one list, and for tracking what nobody could tune
+anything on. Their groups mean nothing, and they may have symmetries: `unlike_from_all_sides` are those without.
 Convention: as in `cad_parts`; 70 to 125 mm across the corners of the bounding box.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import count
 
 import numpy as np
 from manifold3d import Manifold
 
-from data_recipes.metal.cad_parts import CadPart
+from acp_lab.cad.part import Part
+from data_recipes.metal.cad_parts import CadPart, make_part
 from data_recipes.metal.solids import block, bore, mesh_arrays, prism, profile, rod, slot
+from data_recipes.symmetries import find_symmetry
 
 _LEAST_VOLUME = 4000.0
+_PREFIX = "random "
+_LEAST_UNLIKE = 0.03
+"""Of the diameter, by which the half turn that comes nearest to a symmetry misses: else a pose is hardly unique."""
 _SLOTS = (("x", "z"), ("y", "z"), ("x", "y"), ("z", "x"))
 
 
@@ -34,7 +40,21 @@ def random_part(seed: int) -> CadPart:
     vertices = vertices - (vertices.min(0) + vertices.max(0)) / 2
     size = rng.uniform(70, 125) / float(np.linalg.norm(np.ptp(vertices, axis=0)))
     vertices = (vertices * size).astype(np.float32).astype(np.float64)
-    return CadPart(f"random {seed}", int(rng.integers(1, 5)), vertices, faces)
+    return CadPart(f"{_PREFIX}{seed}", int(rng.integers(1, 5)), vertices, faces)
+
+
+def unlike_from_all_sides(first_seed: int) -> Iterator[CadPart]:
+    """The parts from a seed on that have no symmetry and nearly none."""
+    for seed in count(first_seed):
+        part = random_part(seed)
+        symmetry = find_symmetry(Part.from_mesh(part.vertices, part.faces, part.name))
+        if not symmetry and symmetry.best_error >= _LEAST_UNLIKE:
+            yield part
+
+
+def part_named(name: str) -> CadPart:
+    """One of `cad_parts`, or a random one by the name that it has."""
+    return random_part(int(name.removeprefix(_PREFIX))) if name.startswith(_PREFIX) else make_part(name)
 
 
 def _block(rng: np.random.Generator, half: np.ndarray) -> Manifold:

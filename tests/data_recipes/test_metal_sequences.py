@@ -16,9 +16,11 @@ from acp_lab.geometry.pose import check_rotation, inverse, transform
 from data_recipes.metal.cad_parts import make_part
 from data_recipes.metal.edge_break import find_creases
 from data_recipes.metal.plan import KINDS, Kind, SceneConfig
+from data_recipes.metal.random_parts import part_named, random_part, unlike_from_all_sides
 from data_recipes.metal.render import Renderer
 from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal_sequences import main
+from data_recipes.symmetries import find_symmetry
 
 TINY = ("--size", "96x80", "--frames", "2", "--clutter", "1")
 
@@ -44,6 +46,30 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert run(out, *options) == 0
     return out
+
+
+def test_parts_that_nobody_drew(tmp_path: Path) -> None:
+    """One per sequence, by their seeds, without those that look alike from two sides."""
+    names = [part.name for _, part in zip(range(2), unlike_from_all_sides(20), strict=False)]
+    unlike = [int(name.removeprefix("random ")) for name in names]
+    assert unlike == sorted(unlike)
+    assert unlike[0] >= 20
+    assert run(tmp_path / "set", "--random-parts", "20", "--sequences", "2") == 0
+    info = json.loads((tmp_path / "set" / "models" / "models_info.json").read_text())
+    assert [entry["name"] for entry in info.values()] == names
+    assert not any("symmetries_discrete" in entry or "symmetries_continuous" in entry for entry in info.values())
+    stored = Part.from_file(tmp_path / "set" / "models" / "obj_000002.ply").vertices
+    np.testing.assert_allclose(np.ptp(stored, axis=0), np.ptp(part_named(names[1]).vertices, axis=0), atol=1e-4)
+
+
+def test_a_part_with_a_symmetry_is_passed_over() -> None:
+    for seed in range(60):
+        part = random_part(seed)
+        symmetry = find_symmetry(Part.from_mesh(part.vertices, part.faces, part.name))
+        if symmetry:
+            assert next(unlike_from_all_sides(seed)).name != part.name
+            return
+    raise AssertionError("no part with a symmetry among these")
 
 
 def test_contact_sheet(dataset: Path) -> None:
