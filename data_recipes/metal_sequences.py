@@ -64,9 +64,9 @@ def make_plans(args: argparse.Namespace) -> list[Plan]:
 
 def _random_names(first_seed: int, count: int) -> list[str]:
     # Imported late: it needs the `recipes` extra, the options do not.
-    from data_recipes.metal.random_parts import unlike_from_all_sides
+    from data_recipes.metal.random_parts import asymmetric_parts
 
-    return [part.name for part in islice(unlike_from_all_sides(first_seed), count)]
+    return [part.name for part in islice(asymmetric_parts(first_seed), count)]
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -23,7 +23,7 @@ from acp_lab.sequences.images import VideoFile
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence as Frames
 from acp_lab.sequences.rest import RestOfSequence
-from acp_lab.sequences.results_csv import ResultRow, rows_with_ends, run_info_path
+from acp_lab.sequences.results_csv import KeptRows, ResultRow, rows_with_ends, run_info_path
 
 ANEW = "give --out another name, or run without --resume, which replaces these rows"
 
@@ -33,7 +33,7 @@ class Resumption:
     """Where to go on.
 
     Attributes:
-        keep_bytes: of the results file; what stands behind them is tracked again. of_bytes: how long the file was.
+        file: what is kept of the results file; what stands behind it is tracked again.
         done: ids of the scenes that are complete.
         scene_id, im_id: the image whose rows are the last ones kept, of the scene that is not; None between scenes.
         starts: (4, 4) cam_T_obj by object id in that image.
@@ -41,8 +41,7 @@ class Resumption:
         rows: those that are kept. info: what results.run.json said of the run that made them.
     """
 
-    keep_bytes: int
-    of_bytes: int
+    file: KeptRows
     done: frozenset[int]
     scene_id: int | None = None
     im_id: int | None = None
@@ -140,13 +139,13 @@ def resumption(
             break  # cut off within the frame
         if im_id == job.sequence.frame_ids[:max_frames][-1]:
             done.add(scene_id)
-            last = Resumption(of_frame[-1][1], length, frozenset(done))
+            last = Resumption(KeptRows(of_frame[-1][1], length), frozenset(done))
         elif all(row.score > 0.0 for row in found):  # the part was seen, so that a tracker can start there
-            last = Resumption(of_frame[-1][1], length, frozenset(done), scene_id, im_id, _poses(found))
+            last = Resumption(KeptRows(of_frame[-1][1], length), frozenset(done), scene_id, im_id, _poses(found))
         elif last is not None:
             last = replace(last, again=last.again + 1)
     return (
-        None if last is None else replace(last, rows=tuple(r for r, end in rows if end <= last.keep_bytes), info=info)
+        None if last is None else replace(last, rows=tuple(r for r, end in rows if end <= last.file.end), info=info)
     )
 
 

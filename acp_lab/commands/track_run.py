@@ -43,8 +43,7 @@ class ResultsObserver(ResultsFile):
     """
 
     def __init__(self, path: Path, info: dict[str, Any], go_on: Resumption | None = None) -> None:
-        kept, length = (go_on.keep_bytes, go_on.of_bytes) if go_on else (0, None)
-        super().__init__(path, info, kept, length)
+        super().__init__(path, info, None if go_on is None else go_on.file)
         self._info = info
         self._searches, self._unreadable = (info.setdefault(name, []) for name in ("searches", "unreadable"))
         self._stands = (go_on.scene_id, go_on.im_id) if go_on else None

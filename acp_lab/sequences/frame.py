@@ -6,7 +6,7 @@ the centre of the top-left pixel. The camera belongs to the frame: intrinsics ma
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,10 @@ class Frame:
                 f"frame {self.index}: its camera has lens distortion: take it out of the image, by "
                 "Undistorter(camera)(image), and give camera.pinhole()"
             )
+
+    def to_keep(self) -> Frame:
+        """The same with an image of its own: whoever gave this one may write the next image into its array."""
+        return replace(self, image=self.image.copy())
 
 
 def check_frame(frame: object) -> None:

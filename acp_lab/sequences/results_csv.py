@@ -50,6 +50,14 @@ class ResultRow:
         return self.scene_id, self.im_id, self.obj_id
 
 
+@dataclass(frozen=True)
+class KeptRows:
+    """What stays of an older results file: its first `end` bytes, of `length` when that was decided."""
+
+    end: int
+    length: int
+
+
 def check_results_place(path: Path, writer: str = "the results") -> None:
     """InputFileError where a results file, or its `results.run.json`, would replace what is none; writer: who asks."""
     check_replaces_own(path, HEADER_START, writer, "results")
@@ -60,23 +68,17 @@ class ResultsWriter:
     """Writes a results file row by row, so that an interrupted run leaves what it had.
 
     `with ResultsWriter("results.csv", run_info) as results: results.append(row)`. Both files are replaced
-    when the writer is made: the CSV by its header alone, or by its first `keep_bytes` to go on behind them;
+    when the writer is made: the CSV by its header alone, or by the rows that are `kept`, to go on behind them;
     `results.run.json` beside it by run_info (any mapping that JSON can hold: configuration, versions, machine).
     Where there is no room for the latter, the old results stay. Folders on the way are made. Until it is closed, no
     other writer may have the file.
 
-    of_bytes: how long the file was when it was decided which of them to keep.
-
     Raises InputFileError when a file cannot be written, holds something else, another program is writing it, or has
-    written it since `of_bytes` was read.
+    written it since it was decided what is kept.
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        run_info: Mapping[str, Any] | None = None,
-        keep_bytes: int = 0,
-        of_bytes: int | None = None,
+        self, path: str | Path, run_info: Mapping[str, Any] | None = None, kept: KeptRows | None = None
     ) -> None:
         self.path = Path(path)
         check_results_place(self.path)
@@ -85,9 +87,9 @@ class ResultsWriter:
             remove_leftovers(run_info_path(self.path))
             told = {} if run_info is None else {run_info_path(self.path): json_bytes(run_info)}
             with staged(told):
-                self._file = self._open(keep_bytes, of_bytes)
+                self._file = self._open(kept)
                 on_failure.callback(self._file.close)
-                if not keep_bytes:
+                if kept is None:
                     self._write(",".join(HEADER))
             if run_info is None:
                 # Of an older run; it would describe rows that are gone.
@@ -95,14 +97,14 @@ class ResultsWriter:
                     run_info_path(self.path).unlink()
             self._at_the_end = on_failure.pop_all()
 
-    def _open(self, keep_bytes: int, of_bytes: int | None) -> FileIO:
+    def _open(self, kept: KeptRows | None) -> FileIO:
         try:
-            file = FileIO(self.path, "r+" if keep_bytes else "w")
-            if of_bytes is not None and file.seek(0, SEEK_END) != of_bytes:
+            file = FileIO(self.path, "w" if kept is None else "r+")
+            if kept is not None and file.seek(0, SEEK_END) != kept.length:
                 file.close()
                 raise InputFileError(f"{self.path}: another run has written it in the meantime: look, and start again")
-            file.truncate(keep_bytes)
-            self._whole_bytes = file.seek(keep_bytes)
+            self._whole_bytes = file.seek(0 if kept is None else kept.end)
+            file.truncate()
         except OSError as error:
             raise self._failure(error) from None
         return file

@@ -8,8 +8,6 @@ smear. The second frame tells the motion, a few fast edges the shutter, and with
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import pose_step_between
 from acp_lab.sequences.frame import Frame
@@ -25,8 +23,7 @@ class FirstFrame:
     """What is kept of it: the frame, the pose (4, 4) at which offsets were measured, and its view region 0..5."""
 
     def __init__(self, frame: Frame, cam_T_obj: FloatArray, region: int) -> None:
-        # A copy: whoever gave the frame may write the next image into it.
-        self._frame = replace(frame, image=frame.image.copy())
+        self._frame = frame.to_keep()
         self._cam_T_obj, self._region = cam_T_obj, region
         self._motion: FloatArray | None = None
 

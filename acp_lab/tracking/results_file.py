@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, check_results_place
+from acp_lab.sequences.results_csv import KeptRows, ResultRow, ResultsWriter, check_results_place
 from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import TrackResult
 
@@ -20,21 +20,16 @@ class ResultsFile:
 
     path: the CSV file. It is replaced when the first frame has been tracked, not before: a start pose may turn out
     to be wrong. run_info: for `results.run.json` beside it, any mapping that JSON can hold; None leaves no such file.
-    keep_bytes: of an older run's file that stay before the new rows (`results_csv.rows_with_ends`); of_bytes: how long
-    that file was.
+    kept: rows of an older run's file that stay before the new ones (`results_csv.rows_with_ends`).
     Raises InputFileError when the file cannot be written, holds something else, or another program is writing it.
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        run_info: Mapping[str, Any] | None = None,
-        keep_bytes: int = 0,
-        of_bytes: int | None = None,
+        self, path: str | Path, run_info: Mapping[str, Any] | None = None, kept: KeptRows | None = None
     ) -> None:
         self.path = Path(path)
         check_results_place(self.path)  # before a frame is tracked for it
-        self._run_info, self._keep_bytes, self._of_bytes = run_info, keep_bytes, of_bytes
+        self._run_info, self._kept = run_info, kept
         self._writer: ResultsWriter | None = None
         self._scene_id = 0
 
@@ -45,7 +40,7 @@ class ResultsFile:
     def on_frame(self, frame: Frame | UnreadableFrame, results: Mapping[int, TrackResult]) -> None:
         """Write the frame's rows; the first one opens the file."""
         if self._writer is None:
-            self._writer = ResultsWriter(self.path, self._run_info, self._keep_bytes, self._of_bytes)
+            self._writer = ResultsWriter(self.path, self._run_info, self._kept)
         for object_id, result in sorted(results.items()):
             pose, time_s = result.cam_T_obj, result.timings.total_s
             self._writer.append(ResultRow(self._scene_id, result.frame_id, object_id, result.quality, pose, time_s))

@@ -16,7 +16,7 @@ win against all that it finds.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -54,8 +54,7 @@ class _Search(Errand[tuple[Detection, ...]]):
         aligned: int | None = None,
         rival: FloatArray | None = None,
     ) -> None:
-        # A copy, as it goes on in later frames: whoever gave this one may write the next image into it.
-        frame = replace(frame, image=frame.image.copy())
+        frame = frame.to_keep()  # as the search goes on in later ones
         super().__init__(finder.search(frame, most, prior, aligned, rival))
         self.frame, self.prior, self.rival = frame, prior, rival
 

@@ -1,7 +1,7 @@
 """Parts that nobody drew: blocks, plates, hubs and angles with random cuts and bosses, each from its seed.
 
 For training what must hold for any machined part, not for those of one list, and for tracking what nobody could tune
-anything on. Their groups mean nothing, and they may have symmetries: `unlike_from_all_sides` are those without.
+anything on. Their groups mean nothing, and they may have symmetries: `asymmetric_parts` are those without.
 Convention: as in `cad_parts`; 70 to 125 mm across the corners of the bounding box.
 """
 
@@ -43,7 +43,7 @@ def random_part(seed: int) -> CadPart:
     return CadPart(f"{_PREFIX}{seed}", int(rng.integers(1, 5)), vertices, faces)
 
 
-def unlike_from_all_sides(first_seed: int) -> Iterator[CadPart]:
+def asymmetric_parts(first_seed: int) -> Iterator[CadPart]:
     """The parts from a seed on that have no symmetry and nearly none."""
     for seed in count(first_seed):
         part = random_part(seed)

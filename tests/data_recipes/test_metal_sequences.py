@@ -16,7 +16,7 @@ from acp_lab.geometry.pose import check_rotation, inverse, transform
 from data_recipes.metal.cad_parts import make_part
 from data_recipes.metal.edge_break import find_creases
 from data_recipes.metal.plan import KINDS, Kind, SceneConfig
-from data_recipes.metal.random_parts import part_named, random_part, unlike_from_all_sides
+from data_recipes.metal.random_parts import asymmetric_parts, part_named, random_part
 from data_recipes.metal.render import Renderer
 from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal_sequences import main
@@ -50,7 +50,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_parts_that_nobody_drew(tmp_path: Path) -> None:
     """One per sequence, by their seeds, without those that look alike from two sides."""
-    names = [part.name for _, part in zip(range(2), unlike_from_all_sides(20), strict=False)]
+    names = [part.name for _, part in zip(range(2), asymmetric_parts(20), strict=False)]
     unlike = [int(name.removeprefix("random ")) for name in names]
     assert unlike == sorted(unlike)
     assert unlike[0] >= 20
@@ -67,7 +67,7 @@ def test_a_part_with_a_symmetry_is_passed_over() -> None:
         part = random_part(seed)
         symmetry = find_symmetry(Part.from_mesh(part.vertices, part.faces, part.name))
         if symmetry:
-            assert next(unlike_from_all_sides(seed)).name != part.name
+            assert next(asymmetric_parts(seed)).name != part.name
             return
     raise AssertionError("no part with a symmetry among these")
 

@@ -13,7 +13,14 @@ from hypothesis import strategies as st
 
 from acp_lab.errors import InputFileError, SequenceError, TrackingError
 from acp_lab.geometry.pose import make_pose, so3_exp
-from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, read_results, run_info_path, start_poses
+from acp_lab.sequences.results_csv import (
+    KeptRows,
+    ResultRow,
+    ResultsWriter,
+    read_results,
+    run_info_path,
+    start_poses,
+)
 from tests.sequences.tiny_dataset import pose
 
 HEADER = "scene_id,im_id,obj_id,score,R,t,time"
@@ -214,14 +221,14 @@ def test_a_file_that_another_run_wrote_in_between_is_not_gone_on_with(tmp_path: 
     with ResultsWriter(path) as results:
         results.append(_row(0))
     length = path.stat().st_size
-    with ResultsWriter(path, keep_bytes=length, of_bytes=length):
+    with ResultsWriter(path, kept=KeptRows(length, length)):
         pass
     with ResultsWriter(path) as results:
         for im_id in range(rows):
             results.append(_row(im_id))
     between = path.read_bytes()
     with pytest.raises(InputFileError, match="another run has written it in the meantime"):
-        ResultsWriter(path, {"run": 2}, keep_bytes=length, of_bytes=length)
+        ResultsWriter(path, {"run": 2}, KeptRows(length, length))
     assert path.read_bytes() == between
     assert not run_info_path(path).exists()
 
