@@ -1,4 +1,4 @@
-"""The quality as a probability: how often a pose of quality q is right, and how weights for that are fitted.
+"""Quality and exactness as probabilities: how often a pose is right, and how weights for that are fitted.
 
     python -m benchmarks.confidence metal_dev --parts out/parts --split checking --picture docs/images/reliability.png
     python -m benchmarks.confidence metal_dev --parts out/parts --split tuning --fit
@@ -6,9 +6,9 @@
 Each sequence is tracked forwards and backwards from truth, every second frame, from starts 2 and 5 degrees and mm off,
 and once for each fault of `faulty_frames`, which is there in four frames of twelve. Beside every fourth frame three
 poses 3 to 20% of the diameter away are judged as they are. Right: ADD (ADD-S for symmetric parts) below 5% of the
-diameter. Reported: the expected calibration error in ten bins, and the area under the ROC curve against ADD above 10%;
-of each fault together with all poses that have none. PARTS holds prepared parts, or one folder of them per data set;
---fit prints the weights of `acp_lab.tracking.confidence`.
+diameter. Reported: the expected calibration error in ten bins, and the area under the ROC curve against ADD above 10%,
+and above 5%; of each fault together with all poses that have none. PARTS holds prepared parts, or one folder of them
+per data set; --fit prints the weights of `acp_lab.tracking.confidence` by maximum likelihood, parts weighed alike.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from acp_lab.geometry.arrays import BoolArray, FloatArray  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
-from acp_lab.tracking.confidence import Confidence  # noqa: E402
+from acp_lab.tracking.confidence import RIGHT_SHARE, Confidence  # noqa: E402
 from acp_lab.tracking.frame_view import crop_box  # noqa: E402
 from acp_lab.tracking.learning.knowledge import Off  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
@@ -46,7 +46,7 @@ from benchmarks.faulty_frames import FAULTS  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
 
-RIGHT, WRONG = 0.05, 0.1
+WRONG = 0.1
 RUNS = (
     ("forwards", 0.0, ""),
     ("backwards", 0.0, ""),
@@ -64,16 +64,23 @@ UNIT = {
     "frames": "judged poses",
     "wrong": "those with an ADD above 10%",
     "auc": "area under the ROC curve against ADD above 10%",
+    "auc 5": "area under the ROC curve against ADD above 5%",
     "ece": "expected calibration error, right: ADD below 5%",
 }
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A pose that was judged. kind: "tracked", "disturbed" or one of FAULTS; error: ADD as a share of the diameter."""
+    """A pose that was judged.
 
+    kind: "tracked", "disturbed" or one of FAULTS; error: ADD as a share of the diameter, expected: by the covariance, 0
+    without one.
+    """
+
+    part: str
     kind: str
     error: float
+    expected: float
     agreement: float
     contrast: float
     margin: float
@@ -95,16 +102,21 @@ def main() -> None:
     for root in args.datasets:
         for scene_id in BopDataset(root).scenes():
             scene = BopDataset(root).open_scene(scene_id)
-            if is_in_split(part_name(root, scene.object_ids[0]), args.split):
-                judged += _judged(scene, args.parts, method)
+            name = part_name(root, scene.object_ids[0])
+            if is_in_split(name, args.split):
+                judged += (replace(one, part=name) for one in _judged(scene, args.parts, method))
                 print(root.name, scene_id, len(judged), flush=True)
     if args.fit:
-        print("weights (constant, agreement, contrast, margin):", np.round(fitted(judged), 2))
+        print("all anew:", fitted(judged))
+        if not isinstance(method.confidence, Off):
+            print("the spread alone:", fitted(judged, method.confidence))
     if isinstance(method.confidence, Off):
         return
+    tracked = [one for one in judged if one.kind == "tracked"]
     clean = [one for one in judged if one.kind not in FAULTS]
     values = {
-        "clean": _row([one for one in clean if one.kind == "tracked"], method.confidence),
+        "clean": _row(tracked, method.confidence),
+        "clean, by the quality alone": _row(tracked, replace(method.confidence, spread=0.0)),
         "clean and disturbed": _row(clean, method.confidence),
         "all, with faults": _row(judged, method.confidence),
     }
@@ -138,25 +150,33 @@ def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
         for number, (frame, truth) in enumerate(zip(run, truths, strict=True)):
             faulty = bool(fault) and number % 12 in (5, 6, 7, 8)
             if number:
+                tracker.solution = None
                 box = crop_box(box_corners(model.part), truth, frame.camera, 15.0)
                 tracker.track(FAULTS[fault](frame, box, rng) if faulty else frame)
             if tracker.solution is None or not (faulty or visible[frame.index]):
                 continue
             error = metric.share(tracker.solution.cam_T_obj, truth)
             if faulty or not fault:
-                yield _seen(fault or "tracked", error, tracker.solution)
+                yield _seen(fault or "tracked", error, tracker, tracker.solution)
             if number % 4 == 0 and off == 0.0 and not fault and order != "second" and error < 0.03:
                 yield from _disturbed(tracker, frame, truth, metric, rng)
 
 
 class _Watched(Tracker):
-    """Keeps the solution of the last frame; None where the part was not seen."""
+    """Keeps the solution of the last frame as it is reported; None where the part was not seen."""
 
     solution: Solution | None = None
 
-    def _quality(self, solution: Solution) -> float:
+    def _covariance(self, solution: Solution) -> FloatArray | None:
         self.solution = solution
-        return super()._quality(solution)
+        return super()._covariance(solution)
+
+    def expected_error(self, solution: Solution) -> float:
+        """As a share of the diameter, by the covariance of a solution; 0 without one."""
+        covariance = super()._covariance(solution)
+        if covariance is None:
+            return 0.0
+        return self._expected_error.rms_mm(covariance, solution.cam_T_obj) / self.part.diameter
 
 
 def _truth(scene: BopScene, frame: Frame, object_id: int) -> FloatArray:
@@ -166,7 +186,7 @@ def _truth(scene: BopScene, frame: Frame, object_id: int) -> FloatArray:
 
 
 def _disturbed(
-    tracker: Tracker, frame: Frame, truth: FloatArray, metric: PartMetric, rng: np.random.Generator
+    tracker: _Watched, frame: Frame, truth: FloatArray, metric: PartMetric, rng: np.random.Generator
 ) -> Iterator[Judged]:
     part, found = tracker.part, 0
     for _ in range(60):
@@ -178,38 +198,63 @@ def _disturbed(
             continue
         solution = tracker.solver.look_at(seen, seen.view.at_pose(pose), Level(5, 1.0, 600), Stopwatch())
         if solution is not None:
-            yield _seen("disturbed", error, solution)
+            yield _seen("disturbed", error, tracker, tracker.solver.weigh(seen, solution))
             found += 1
         if found == 3:
             return
 
 
-def _seen(kind: str, error: float, solution: Solution) -> Judged:
+def _seen(kind: str, error: float, tracker: _Watched, solution: Solution) -> Judged:
     first, *others = solution.judgements
     assert isinstance(first, NormalJudgement)
-    return Judged(kind, error, first.quality, first.contrast, sum(judgement.score for judgement in others))
+    margin, expected = sum(judgement.score for judgement in others), tracker.expected_error(solution)
+    return Judged(tracker.part.name, kind, error, expected, first.quality, first.contrast, margin)
 
 
 def qualities(judged: list[Judged], confidence: Confidence) -> FloatArray:
-    """(n,) as the tracker reports them."""
-    weights = [confidence.constant, confidence.agreement, confidence.contrast, confidence.margin]
-    return np.asarray(1.0 / (1.0 + np.exp(-_features(judged) @ weights)))
+    """(n,) quality times exactness, as the tracker reports them."""
+    exactness = np.array([confidence.exactness(one.expected) for one in judged])
+    return _there(_features(judged), np.array(_weights(confidence))) * exactness
 
 
-def fitted(judged: list[Judged]) -> FloatArray:
-    """(4,) weights of a logistic regression; features that never vary get none."""
-    features, right = _features(judged), np.array([one.error < RIGHT for one in judged], np.float64)
-    mean, spread = features.mean(0), features.std(0)
-    mean[0], spread[0] = 0.0, 1.0
-    scaled = (features - mean) / np.maximum(spread, 1e-9)
-    weights = np.zeros(4)
-    for _ in range(60):  # Newton's method, slightly regularised
-        p = 1.0 / (1.0 + np.exp(-scaled @ weights))
-        hessian = (scaled * (p * (1.0 - p))[:, None]).T @ scaled + 1e-4 * len(right) * np.eye(4)
-        weights += np.linalg.solve(hessian, scaled.T @ (right - p) - 1e-4 * len(right) * weights)
-    weights = np.where(spread > 1e-9, weights / np.maximum(spread, 1e-9), 0.0)
-    weights[0] -= weights[1:] @ mean[1:]
-    return weights
+def fitted(judged: list[Judged], now: Confidence | None = None) -> Confidence:
+    """What makes what is right, and what is not, most likely; features that never vary get no weight.
+
+    now: to keep its log-odds of the part being there, by which the tracker goes on, and fit the spread alone.
+    """
+    from scipy.optimize import minimize
+    from scipy.special import erf
+
+    features, right = _features(judged), np.array([one.error < RIGHT_SHARE for one in judged])
+    names = np.array([one.part for one in judged])
+    weights = np.array([1.0 / (names == name).sum() for name in names])
+    expected = np.array([one.expected for one in judged])
+    numbers = np.zeros(5) if now is None else np.array([*_weights(now), 0.0])
+    varies = np.r_[True, features[:, 1:].std(0) > 1e-9, expected.any()]
+    if now is not None:
+        varies[:4] = False
+    if not varies.any():
+        return now or Confidence()
+
+    def unlikely(free: FloatArray) -> float:
+        numbers[varies] = free
+        exactness = erf(RIGHT_SHARE / np.maximum(np.sqrt(2.0) * np.exp(numbers[4]) * expected, 1e-9))
+        likely = np.clip(_there(features, numbers[:4]) * exactness, 1e-9, 1.0 - 1e-9)
+        # Slightly regularised.
+        return float(-(weights @ np.log(np.where(right, likely, 1.0 - likely))) + 1e-4 * np.sum(numbers[1:4] ** 2))
+
+    numbers[varies] = minimize(unlikely, np.array([-3.0, 5.0, 13.0, 2.5, -0.3])[varies], method="BFGS").x
+    spread = float(np.exp(numbers[4])) if varies[4] else 0.0
+    constant, agreement, contrast, margin = (round(float(value), 2) for value in numbers[:4])
+    return Confidence(constant, agreement, contrast, margin, round(spread, 2))
+
+
+def _weights(confidence: Confidence) -> tuple[float, float, float, float]:
+    return confidence.constant, confidence.agreement, confidence.contrast, confidence.margin
+
+
+def _there(features: FloatArray, weights: FloatArray) -> FloatArray:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(features @ weights, -50.0, 50.0))))
 
 
 def calibration_error(quality: FloatArray, right: BoolArray) -> float:
@@ -238,17 +283,19 @@ def _row(judged: list[Judged], confidence: Confidence) -> dict[str, float]:
     wrong = int((error > WRONG).sum())
     # Where none is wrong, or all are, there is no curve.
     area = {"auc": area_under_curve(quality, error <= WRONG)} if 0 < wrong < len(error) else {}
-    return {"frames": len(judged), "wrong": wrong, **area, "ece": calibration_error(quality, error < RIGHT)}
+    if 0 < (error < RIGHT_SHARE).sum() < len(error):
+        area["auc 5"] = area_under_curve(quality, error < RIGHT_SHARE)
+    return {"frames": len(judged), "wrong": wrong, **area, "ece": calibration_error(quality, error < RIGHT_SHARE)}
 
 
 def _draw(judged: list[Judged], confidence: Confidence, path: Path) -> None:
-    """The reliability diagram: quality against the share that is right, and how often each quality occurs."""
+    """The reliability diagram: what is said against the share that is right, and how often each value occurs."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    quality, right = qualities(judged, confidence), np.array([one.error < RIGHT for one in judged])
+    quality, right = qualities(judged, confidence), np.array([one.error < RIGHT_SHARE for one in judged])
     bins = np.minimum((quality * BINS).astype(int), BINS - 1)
     used = [k for k in range(BINS) if (bins == k).any()]
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(4.5, 5.5), height_ratios=(3, 1), sharex=True)
@@ -259,7 +306,7 @@ def _draw(judged: list[Judged], confidence: Confidence, path: Path) -> None:
     upper.legend(frameon=False, loc="upper left")
     lower.hist(quality, bins=BINS, range=(0, 1), color="#1f6fb4", rwidth=0.9)
     lower.set_yscale("log")
-    lower.set_xlabel("quality")
+    lower.set_xlabel("quality x exactness")
     lower.set_ylabel("frames")
     figure.tight_layout()
     figure.savefig(path, dpi=110)

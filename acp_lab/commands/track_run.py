@@ -93,13 +93,16 @@ class Reporter:
     def on_end(self) -> None:
         self._progress.close()
 
+# Above it the exactness is not worth a word.
+_EXACT = 0.9
+
 
 @dataclass
 class ObjectSummary:
     """What a run said about one object of one scene; prints as one line.
 
     bad_since: the image from which on it is not `tracking`, None while it is. first_lost: of the stretch in which it
-    was lost first, as `acp-lab explain` counts.
+    was lost first, as `acp-lab explain` counts. exactness: of the frames that this run itself has read.
     """
 
     scene_id: int
@@ -108,6 +111,7 @@ class ObjectSummary:
     size: str = ""
     times_s: list[float] = field(default_factory=list)
     qualities: list[float] = field(default_factory=list)
+    exactness: list[float] = field(default_factory=list)
     states: Counter[str] = field(default_factory=Counter)
     unreadable: int = 0
     first_lost: int | None = None
@@ -147,6 +151,8 @@ class ObjectSummary:
         if self.unreadable:
             states += f"; {self.unreadable} not readable"
         quality = f"{median(self.qualities):.2f}" if self.qualities else "-"
+        if self.exactness and median(self.exactness) < _EXACT:
+            quality += f", exactness {median(self.exactness):.2f}"
         return (
             f"scene {self.scene_id}, object {self.object_id} ({self.part}): {frames} ({states}), "
             f"quality {quality}, {1e3 * self.time_s_median:.1f} ms per frame (medians)"
@@ -182,6 +188,7 @@ class SummaryObserver:
             if isinstance(frame, Frame):
                 summary.size = f" of {frame.camera.width} x {frame.camera.height}"
                 summary.add_seen(result.timings.total_s, result.quality)
+                summary.exactness.append(result.exactness)
 
     def on_end(self) -> None:
         pass

@@ -13,7 +13,7 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.tracking.frame_view import Estimate
-from acp_lab.tracking.motions import RigidMotion
+from acp_lab.tracking.motions import Beside, RigidMotion
 from acp_lab.tracking.pose_descent_kernel import descend
 from acp_lab.tracking.priors import sum_of
 from acp_lab.tracking.solvers import GaussNewton, Problem, Solver
@@ -51,9 +51,9 @@ class ContourLevel:
         )  # fmt: skip
         return tuple(view.at_pose(pose) for pose in found[:count])
 
-    def information(self, at: Estimate) -> FloatArray:
-        """(6, 6) what the image says at an estimate, without priors."""
-        return self.problem.information(at).matrix
+    def information(self, at: Estimate, beside: Beside | None = None) -> FloatArray:
+        """(6 + k, 6 + k) what the image says at an estimate, without priors, of the pose and of k unknowns beside."""
+        return self.problem.information(at, beside).matrix
 
 
 def contour_level(problem: Problem, solver: Solver) -> ContourLevel | None:

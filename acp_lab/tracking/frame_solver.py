@@ -6,6 +6,9 @@ solver takes a few steps down e on the motion that the method's variables make o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from acp_lab.cad.part import box_corners
@@ -17,9 +20,11 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.hull import hull_corners
 from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.edge_breaks import BrokenEdges, into_material
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import SampleKnowledge
 from acp_lab.tracking.method import Method, Schedule
+from acp_lab.tracking.motions import Motion
 from acp_lab.tracking.pose_descent import pose_level
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import EVERY_SAMPLE, Level, PixelSchedule, scaled
@@ -59,6 +64,7 @@ class FrameSolver:
         # Whatever the view, its outermost edge points are among these.
         knows_samples = self.source.knows_samples
         self._outermost_obj = hull_corners(model.edges.points_obj) if knows_samples else self._corners_obj
+        self._into_obj = into_material(model.edges)
         self._half_size = 0.5 * model.part.box_size
         self.forget()
 
@@ -185,6 +191,22 @@ class FrameSolver:
         except GeometryError:
             return None
 
+    def weigh(self, seen: SeenFrame, solution: Solution) -> Solution:
+        """A solution with the information that a solve's last level has there; as it is where too few edges show."""
+        at, method = solution.estimate, self.method
+        level = self.levels_at(at)[-1]
+        edges = self._generate_or_none(at, level.samples)
+        if edges is None:
+            return solution
+        try:
+            motion = method.variables.motion(self.source, edges, at, self._lifter, level.samples)
+            measures = [target.bind(motion.kept(edges), at, level) for target in seen.targets]
+            breaks = BrokenEdges(self._model.edges, self._into_obj, at)
+            of = self._problem(motion, measures, at, level).information(at, breaks).matrix
+            return replace(solution, information=method.variables.pose_information(of, at))
+        except GeometryError:
+            return solution
+
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
         """In [0, 1]: how well the frame agrees with an estimate, whatever was learnt of how its edges look."""
         edges = self._generate_or_none(at, level.samples)
@@ -236,13 +258,9 @@ class FrameSolver:
                 return None
             measures = [target.bind(edges, at, level) for target in seen.targets]
             clock.search_s += clock.lap()
-            problem = Problem(
-                motion,
-                [WeightedMeasure(m, t.precision_at(level)) for m, t in zip(measures, method.targets, strict=True)],
-                [prior for config in method.priors if (prior := config.bind(method.variables, at)) is not None],
-                method.variables.scale(at.view),
-            )
+            problem = self._problem(motion, measures, at, level)
             arrays = pose_level(problem, at, method.solver)
+            began = at
             iterates = minimise(problem, at, method.solver) if arrays is None else arrays.minimise(at)
             at = iterates[-1] if iterates else at
             iterations += len(iterates)
@@ -256,13 +274,24 @@ class FrameSolver:
                 loss = sum(judgement.loss for judgement in judgements)
                 information = None
                 if method.prediction.weighs_images:
-                    matrix = problem.information(at).matrix if arrays is None else arrays.information(at)
-                    information = method.variables.pose_information(matrix, at)
+                    breaks = BrokenEdges(self._model.edges, self._into_obj, began)
+                    of = problem.information(at, breaks).matrix if arrays is None else arrays.information(at, breaks)
+                    information = method.variables.pose_information(of, at)
                 solution = Solution(at, judgements, loss, information, iterations, tuple(steps))
             clock.solve_s += clock.lap()
         # Not finite where the last step put some edge points behind the camera.
         is_finite = solution is not None and np.isfinite(at.cam_T_obj).all() and np.isfinite(solution.loss)
         return solution if is_finite else None
+
+    def _problem(self, motion: Motion, measures: Sequence[Measure], at: Estimate, level: Level) -> Problem:
+        """What is minimised on a level that starts at an estimate."""
+        method = self.method
+        return Problem(
+            motion,
+            [WeightedMeasure(m, t.precision_at(level)) for m, t in zip(measures, method.targets, strict=True)],
+            [prior for config in method.priors if (prior := config.bind(method.variables, at)) is not None],
+            method.variables.scale(at.view),
+        )
 
     def _reported_loss(self, measures: list[Measure], edges: GeneratedEdges) -> float:
         return sum(measure.reported_loss(edges) for measure in measures)

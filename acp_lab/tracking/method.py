@@ -13,8 +13,8 @@
     recovery    what happens when a frame fits badly           recovery
     way_back    who looks for a part that is lost              way_back
     learning    what is learnt of each edge sample             learning/
-    confidence  how likely a pose is right                     confidence
-    uncertainty how exact it is, given that it is right        uncertainty
+    confidence  how likely the part is there                   confidence
+    uncertainty how exact its pose is then                     uncertainty
 
 `acp-paper` is the paper's path with six deviations, one setting each: `variables.residual`,
 `source.frame`, `edge_map.orientation_bins`, `schedule.shares`, `variables.direction` and `variables.lengths`;

@@ -30,6 +30,8 @@ from acp_lab.tracking.sources.residual import ResidualHomography, rigid_neighbou
 
 Rows = Callable[[FloatArray], FloatArray]
 """From image directions (n, 2) to (n, k): how each edge point moves along its direction by the k variables."""
+Beside = Callable[[GeneratedEdges, FloatArray], FloatArray]
+"""From edge points and image directions (n, 2) to (n, k): how these move by k unknowns beside the variables."""
 Lengths = Literal["image", "part"]
 """By which length painted edges count, see `ControlPointVariables`."""
 
@@ -102,8 +104,11 @@ class ControlPointVariables:
         return np.eye(8)
 
     def pose_information(self, matrix: FloatArray, at: Estimate) -> FloatArray:
-        """(6, 6) information of a pose step, from that of the variables (8, 8)."""
-        by_pose = at.view.control_jacobian(at.cam_T_obj)
+        """(6 + k, 6 + k) information of a pose step, from that of the variables (8 + k, 8 + k); k unknowns beside."""
+        beside = len(matrix) - self.count
+        by_pose = np.zeros((len(matrix), 6 + beside))
+        by_pose[: self.count, :6] = at.view.control_jacobian(at.cam_T_obj)
+        by_pose[self.count :, 6:] = np.eye(beside)
         return by_pose.T @ matrix @ by_pose
 
     def pose_jacobian(self, at: Estimate) -> FloatArray:
@@ -148,7 +153,7 @@ class PoseVariables:
         return at.view.control_jacobian(at.cam_T_obj)
 
     def pose_information(self, matrix: FloatArray, at: Estimate) -> FloatArray:
-        """(6, 6) information of a pose step: that of the variables."""
+        """(6 + k, 6 + k) information of a pose step and of k unknowns beside it: that of the variables."""
         return matrix
 
     def pose_jacobian(self, at: Estimate) -> FloatArray:
@@ -198,9 +203,7 @@ class NeighbourMotion(_ControlPointMotion):
     edge near them are left out. GeometryError where I, or its neighbour, is degenerate.
     """
 
-    def __init__(
-        self, edges: GeneratedEdges, start: Estimate, lifter: EdgeLifter, lengths: Lengths = "image"
-    ) -> None:
+    def __init__(self, edges: GeneratedEdges, start: Estimate, lifter: EdgeLifter, lengths: Lengths = "image") -> None:
         neighbour = rigid_neighbour(start)
         rigid = _warped(edges, QuadWarp(start.control_points, edges.points).to(neighbour.control_points))
         self._rigid = RigidMotion(*_on_part(rigid, neighbour, lifter, lengths), neighbour)

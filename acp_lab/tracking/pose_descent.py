@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.contour_descent import ContourLevel, contour_level
 from acp_lab.tracking.frame_view import Estimate
-from acp_lab.tracking.motions import RigidMotion
+from acp_lab.tracking.motions import Beside, RigidMotion
 from acp_lab.tracking.pose_descent_kernel import add_up_pose, descend
 from acp_lab.tracking.priors import sum_of
 from acp_lab.tracking.solvers import GaussNewton, Problem, Solver
@@ -28,6 +29,7 @@ class PoseLevel:
     """One level of a method that varies a pose, in arrays.
 
     Attributes:
+        edges: its n edge points.
         view_numbers: (4,) fx, fy, cx, cy of the camera, px; centre_obj: (3,) mm, the part's.
         points_obj: (n, 3) mm; points: (n, 2) px, where they are at the level's start; directions: (n, 2) unit;
             rows: (n, 6), how they move along these by a pose step.
@@ -39,6 +41,7 @@ class PoseLevel:
         scale: (6,) of each variable per px; solver: how it goes down.
     """
 
+    edges: GeneratedEdges
     view_numbers: FloatArray
     centre_obj: FloatArray
     points_obj: FloatArray
@@ -63,20 +66,23 @@ class PoseLevel:
         found = np.empty((self.solver.steps, 4, 4))
         count = descend(
             np.array(start.cam_T_obj), self.relative, self.absolute, self.towards, self.expected, self.scale,
-            self.solver.damping, self.solver.last_px, found, *self._arrays,
+            self.solver.damping, self.solver.last_px, found, *self._with(self.rows),
         )  # fmt: skip
         return tuple(start.view.at_pose(pose) for pose in found[:count])
 
-    def information(self, at: Estimate) -> FloatArray:
-        """(6, 6) what the image says at an estimate, without priors."""
-        matrix, vector = np.empty((6, 6)), np.empty(6)
-        add_up_pose(np.array(at.cam_T_obj), matrix, vector, *self._arrays)
+    def information(self, at: Estimate, beside: Beside | None = None) -> FloatArray:
+        """(6 + k, 6 + k) what the image says at an estimate, without priors, of the pose and of k unknowns beside."""
+        rows = self.rows
+        if beside is not None:
+            rows = np.concatenate((rows, beside(self.edges, self.directions)), axis=1)
+        count = rows.shape[1]
+        matrix, vector = np.empty((count, count)), np.empty(count)
+        add_up_pose(np.array(at.cam_T_obj), matrix, vector, *self._with(rows))
         return matrix
 
-    @property
-    def _arrays(self) -> tuple[FloatArray, ...]:
+    def _with(self, rows: FloatArray) -> tuple[FloatArray, ...]:
         return (
-            self.centre_obj, self.view_numbers, self.points_obj, self.points, self.directions, self.rows,
+            self.centre_obj, self.view_numbers, self.points_obj, self.points, self.directions, rows,
             self.targets, self.scores, self.trust, self.mixture, self.pulls, self.strengths,
         )  # fmt: skip
 
@@ -104,6 +110,7 @@ def pose_level(problem: Problem, start: Estimate, solver: Solver) -> PoseLevel |
         return None
     view = start.view
     return PoseLevel(
+        edges.edges,
         view.camera.numbers,
         np.array(view.part.box_centre),
         motion.points_obj,

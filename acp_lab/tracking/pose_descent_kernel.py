@@ -26,16 +26,17 @@ def add_up_pose(
     points_obj: FloatArray, points: FloatArray, directions: FloatArray, rows: FloatArray, targets: FloatArray,
     scores: FloatArray, trust: FloatArray, mixture: FloatArray, pulls: FloatArray, strengths: FloatArray,
 ) -> float:  # fmt: skip
-    """Fill matrix (6, 6) and vector (6,) of a `solvers.Information` at a pose (4, 4); returns its total.
+    """Fill matrix (k, k) and vector (k,) of a `solvers.Information` at a pose (4, 4); returns its total.
 
-    The others: see `pose_descent.PoseLevel`. Points behind the camera say nothing.
+    The others: see `pose_descent.PoseLevel`; rows: (n, k), of unknowns that may be more than the pose's six.
+    Points behind the camera say nothing.
     """
     sigma, outlier, precision = mixture[0], mixture[1], mixture[2]
     narrow = -0.5 / (sigma * sigma)
     sum_of_weights, used = 0.0, 0
     # A row per unknown of the points that say something, as `add_up_rows` takes them.
     most = len(points_obj)
-    unknowns, weights, weighted = np.empty((6, most)), np.empty(most), np.empty(most)
+    unknowns, weights, weighted = np.empty((rows.shape[1], most)), np.empty(most), np.empty(most)
     for i in range(most):
         x, y, z = points_obj[i, 0], points_obj[i, 1], points_obj[i, 2]
         depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
@@ -58,17 +59,14 @@ def add_up_pose(
             continue
         sum_of_weights += weight
         weights[used], weighted[used] = weight, pull
-        for j in range(6):
+        for j in range(rows.shape[1]):
             unknowns[j, used] = rows[i, j]
         used += 1
     add_up_rows(unknowns, weights[:used], weighted[:used], matrix, vector)
     return sum_of_weights
 
 
-@kernel(
-    "i8(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8, f8, f8[:, :, ::1],"
-    f" {_LEVEL})"
-)
+@kernel(f"i8(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8, f8, f8[:, :, ::1], {_LEVEL})")
 def descend(
     start: FloatArray, relative: FloatArray, absolute: FloatArray, towards: FloatArray, expected: FloatArray,
     scale: FloatArray, damping: float, last_px: float, found: FloatArray, centre_obj: FloatArray, camera: FloatArray,

@@ -86,7 +86,7 @@ class Pursuit:
 
     def go_on_from(self, solution: Solution, quality: float) -> None:
         """Take in a frame's solution: the next one is predicted from it, and its control points go on."""
-        self.predictor.observe(solution.cam_T_obj, quality, solution.information)
+        self.predictor.observe(solution.cam_T_obj, quality, solution.pose_information)
         self.carried = solution.estimate
 
     def look(

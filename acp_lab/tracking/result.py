@@ -78,7 +78,7 @@ class TrackResult:
         predicted: (4, 4) pose, mm, expected before the image was looked at; in the first frame the given one.
         control_points: (4, 2) image control points I in px, in the order of W's rows.
         loss: e(I) as the method's targets define it; 0 for a perfect fit, NaN where nothing was seen.
-        quality: in [0, 1]; how likely the pose is right, see `confidence`; for methods without it, how well the image
+        quality: in [0, 1]; how likely the part is there, see `confidence`; for methods without it, how well the image
             agrees with the generated edges.
         state: tracking, weak or lost.
         region: index 0..5 of the view region whose W is in use.
@@ -90,9 +90,11 @@ class TrackResult:
         note: reason of a state change or of an unreadable frame, empty otherwise.
         steps: the iterations that led to the pose, in their order; empty unless the tracker's `records_steps`
             is set.
-        covariance: (6, 6) of a pose step (rad, mm) about the part's centre, in camera axes, given that the pose is
-            right (how likely that is says `quality`), see `uncertainty`; None where the pose was given, held or
+        covariance: (6, 6) of a pose step (rad, mm) about the part's centre, in camera axes, given that the part is
+            there (how likely that is says `quality`), see `uncertainty`; None where the pose was given, held or
             predicted, and for methods without it.
+        exactness: in [0, 1]; how likely the pose of a part that is there has an ADD below 5% of the diameter, by the
+            covariance; 1 where there is none.
         target: what was found in the image; None unless the tracker's `records_target` is set.
         sought: of a lost part, where it was looked for and what was found; else None.
     """
@@ -114,3 +116,9 @@ class TrackResult:
     covariance: FloatArray | None = None
     target: TargetView | None = None
     sought: Sought | None = None
+    exactness: float = 1.0
+
+    @property
+    def right(self) -> float:
+        """In [0, 1]; how likely the pose is right: the part is there, and its ADD below 5% of the diameter."""
+        return self.quality * self.exactness

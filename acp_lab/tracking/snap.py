@@ -78,7 +78,7 @@ class SnapResult:
 
     Attributes:
         cam_T_obj: (4, 4) mm.
-        quality: in [0, 1], as the tracker's: how likely the pose is right, see `confidence`.
+        quality: in [0, 1], as the tracker's: how likely the part is there, see `confidence`.
         agreement_before, agreement: in [0, 1], how well the frame agrees with the given and with the new pose.
         loss: e(I) at the new pose, see `targets.soft_assignment.robust_loss`.
         edges: the generated edge points at the new pose.

@@ -33,8 +33,9 @@ class Solution:
         estimate: control points and pose.
         judgements: by each of the method's targets, of the edges of the last level where the estimate has them.
         loss: e, see `TrackResult.loss`.
-        information: (6, 6) of the pose by the image alone, the inverse covariance of a pose step (rad, mm) about the
-            part's centre; None where the method's prediction does not ask for it, or the estimate was only looked at.
+        information: (8, 8) by the image alone, the inverse covariance of a pose step (rad, mm) about the part's centre
+            and of two edge breaks (mm), see `edge_breaks`; None where the method's prediction does not ask for it, or
+            the estimate was only looked at. Edge points of no known sample say nothing of breaks.
         iterations: of the solver, on all levels; steps: each of them, when they are recorded.
     """
 
@@ -59,6 +60,11 @@ class Solution:
     def cam_T_obj(self) -> FloatArray:
         """(4, 4) mm."""
         return self.estimate.cam_T_obj
+
+    @property
+    def pose_information(self) -> FloatArray | None:
+        """(6, 6) of the pose step alone, as if the edge breaks were known."""
+        return None if self.information is None else self.information[:6, :6].copy()
 
     @property
     def quality(self) -> float:

@@ -25,7 +25,7 @@ from acp_lab.errors import GeometryError, TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.frame_view import Estimate
-from acp_lab.tracking.motions import Motion, Rows
+from acp_lab.tracking.motions import Beside, Motion, Rows
 
 _TINY = 1e-9
 _LM_UP, _LM_DOWN, _LM_TRIES = 8.0, 0.3, 4
@@ -124,9 +124,17 @@ class Problem:
             return float("inf")
         return sum(m.precision * m.measure(edges).loss for m in self.measures) / precision + prior
 
-    def information(self, at: Estimate) -> Information:
-        """What the frame says at an estimate, without priors; GeometryError where it is degenerate."""
-        edges, rows_along = self.motion.linearised(at)
+    def information(self, at: Estimate, beside: Beside | None = None) -> Information:
+        """What the frame says at an estimate, without priors; GeometryError where it is degenerate.
+
+        beside: of unknowns beside the variables, which come after these.
+        """
+        edges, of_variables = self.motion.linearised(at)
+
+        def rows_along(directions: FloatArray) -> FloatArray:
+            rows = of_variables(directions)
+            return rows if beside is None else np.hstack([rows, beside(edges, directions)])
+
         first, *others = [measure.information(edges, rows_along) for measure in self.measures]
         return sum(others, first)
 

@@ -41,6 +41,7 @@ from acp_lab.tracking.start import LOOK_LEVEL, Started, TrustedStart, begin
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tones import Tones
+from acp_lab.tracking.uncertainty import ExpectedError
 from acp_lab.tracking.way_back import Reacquisition, Verdict
 
 
@@ -79,6 +80,7 @@ class Tracker:
         self._first: FirstFrame | None = None
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
         way_back = self.method.way_back
+        self._expected_error = ExpectedError(model.part)
         self._finder = LateFinder(model)
         self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back, self._finder)
         self._forget()
@@ -159,6 +161,8 @@ class Tracker:
         if self._way_back is not None and self.model.views is not None:
             self._finder()  # before it is needed
         note = "; ".join(filter(None, (started.note, note)))
+        if not self._trusted and self.method.prediction.weighs_images:
+            solution = self.solver.weigh(seen, solution)
         return self._result(frame, pose, solution, quality, clock, begin_s, note)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -337,8 +341,14 @@ class Tracker:
         if isinstance(config, Off) or solution.information is None:
             return None
         estimate = solution.estimate
-        radius_mm = 0.5 * self.part.diameter
-        return config.covariance(solution.information, estimate.centre_cam, estimate.view.camera, radius_mm)
+        return config.covariance(solution.information, float(estimate.centre_cam[2]) / estimate.view.camera.fx)
+
+    def _exactness(self, cam_T_obj: FloatArray, covariance: FloatArray | None) -> float:
+        """In [0, 1], as it is reported."""
+        confidence = self.method.confidence
+        if covariance is None or isinstance(confidence, Off):
+            return 1.0
+        return confidence.exactness(self._expected_error.rms_mm(covariance, cam_T_obj) / self.part.diameter)
 
     @property
     def _is_lost(self) -> bool:
@@ -416,7 +426,7 @@ class Tracker:
         begin_s: float,
         note: str,
     ) -> TrackResult:
-        judgement = solution.judgement
+        judgement, covariance = solution.judgement, self._covariance(solution)
         return TrackResult(
             frame_id=frame.index,
             # Copies: whoever gets the result may change them, to metres say, and the tracker goes on from its own.
@@ -433,7 +443,8 @@ class Tracker:
             timings=clock.timings(frame.undistort_s, time.perf_counter() - begin_s),
             note=note,
             steps=solution.steps,
-            covariance=self._covariance(solution),
+            covariance=covariance,
+            exactness=self._exactness(solution.cam_T_obj, covariance),
             target=judgement.target_view if self.records_target else None,
             sought=self._sought,
         )

@@ -1,9 +1,13 @@
-"""How exact is a pose, given that it is right? Its covariance, for those who fuse, grasp or measure with it.
+"""How exact is a pose, given that the part is there? Its covariance, for those who fuse, grasp or measure with it.
 
-The solve's own covariance, from residuals that are taken as independent, is far too small: neighbouring edge samples
-err together. Four terms were fitted to errors on tuning parts (`benchmarks/uncertainty.py`, docs/benchmark.md): a
-multiple of the solve's own; outlines that lie beside the CAD's by the same length everywhere, which looks like another
-distance, dz / z = length / radius; turns that move the part's rim by a share of a px; and shifts by one.
+The solve's own covariance takes the edge points' errors as independent, and is far too small: what puts one edge beside
+the CAD's puts others there too. So the pose is told together with two unknowns, by how much the edges of the outline
+are broken and by how much the creases within it (`edge_breaks`), of which little is known beforehand. A part whose
+inner edges hold its distance stays exact; a bare plate, whose rim alone tells it, does not. What neighbours have in
+common beyond that is a multiple of the rest, and a shift by a share of a px.
+
+The four terms were fitted to errors on tuning parts and on random ones (`benchmarks/uncertainty.py`,
+docs/benchmark.md).
 """
 
 from __future__ import annotations
@@ -13,10 +17,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from acp_lab.cad.part import Part
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose_kernels import invert
 
 
@@ -25,66 +29,91 @@ class PoseUncertainty:
     """Configuration: the terms of the covariance.
 
     Attributes:
-        image: multiple of the solve's own covariance.
-        outline_mm: standard deviation of how far outlines lie beside the CAD's, all of them alike.
-        turn_px, shift_px: standard deviation of the rim's motion by turns, and of the part's by shifts.
+        image: multiple of the variance that the solve alone would give.
+        outline_mm, crease_mm: standard deviation of how far the edges of the outline, and the creases within it, are
+            broken, beside what is expected of each.
+        shift_px: standard deviation of a shift of the part.
     """
 
     kind: ClassVar[str] = "calibrated"
-    image: float = 2.8
-    outline_mm: float = 0.077
-    turn_px: float = 0.38
-    shift_px: float = 0.1
+    image: float = 2.9
+    outline_mm: float = 0.18
+    crease_mm: float = 5.0
+    shift_px: float = 0.12
 
     def __post_init__(self) -> None:
-        for name in ("image", "outline_mm", "turn_px", "shift_px"):
-            if not 0.0 <= getattr(self, name) < float("inf"):
-                raise TrackingError(f"uncertainty.{name} = {getattr(self, name):g}: give 0 or more")
+        if not 1e-6 <= self.image <= 1e6:
+            raise TrackingError(f"uncertainty.image = {self.image:g}: give 1e-6 to 1e6")
+        for name in ("outline_mm", "crease_mm", "shift_px"):
+            if not 0.0 <= getattr(self, name) <= 1e6:
+                raise TrackingError(f"uncertainty.{name} = {getattr(self, name):g}: give 0 to 1e6")
 
-    def covariance(
-        self, information: FloatArray, centre_cam: FloatArray, camera: Camera, radius_mm: float
-    ) -> FloatArray:
+    def covariance(self, information: FloatArray, mm_per_px: float) -> FloatArray:
         """(6, 6) of a pose step (rad, mm) about the part's centre, in camera axes.
 
         Args:
-            information: (6, 6) by the image alone, see `Solution.information`.
-            centre_cam: (3,) mm, the part's centre.
-            radius_mm: half the part's diameter.
+            information: (8, 8) by the image alone, see `Solution.information`.
+            mm_per_px: at the part's distance.
         """
-        mm_per_px, covariance = float(centre_cam[2]) / camera.fx, np.empty((6, 6))
-        _add_terms(
-            np.array(information, np.float64), self.image, self.outline_mm**2, centre_cam / radius_mm,
-            (self.turn_px * mm_per_px / radius_mm) ** 2, (self.shift_px * mm_per_px) ** 2, covariance,
-        )  # fmt: skip
+        covariance = np.empty((6, 6))
+        shift_mm = self.shift_px * mm_per_px
+        breaks_mm = np.array([self.outline_mm, self.crease_mm], np.float64)
+        _of_pose(np.array(information, np.float64), float(self.image), breaks_mm, shift_mm, covariance)
         return covariance
 
 
-@kernel("void(f8[:, ::1], f8, f8, f8[::1], f8, f8, f8[:, ::1])")
-def _add_terms(
-    information: FloatArray, image: float, outline: float, towards: FloatArray, turn: float, shift: float,
-    covariance: FloatArray,
-) -> None:  # fmt: skip
-    """Fill covariance (6, 6), see `PoseUncertainty.covariance`; the information (6, 6) is used up.
-
-    image: multiple of the solve's own; outline, turn, shift: variances, the first along towards (3,).
-    """
-    for i in range(6):
+@kernel("void(f8[:, ::1], f8, f8[::1], f8, f8[:, ::1])")
+def _of_pose(
+    information: FloatArray, image: float, breaks_mm: FloatArray, shift_mm: float, covariance: FloatArray
+) -> None:
+    """Fill covariance (6, 6), see `PoseUncertainty.covariance`; the information (8, 8) is used up."""
+    count = len(information)
+    for i in range(count):
         # A direction that the image says nothing of is as uncertain as can be, not infinitely so.
         information[i, i] += 1e-9 * information[i, i] + 1e-9
-    own = np.empty((6, 6))
-    invert(information, own)
+    for i in range(6, count):
+        # What is known of a break beforehand; the multiple of the image's variance is not to widen it.
+        information[i, i] += image / max(breaks_mm[i - 6] ** 2, 1e-12)
+    both = np.empty((count, count))
+    invert(information, both)
     for i in range(6):
         for k in range(6):
-            own[i, k] *= image
-            if i >= 3 and k >= 3:
-                own[i, k] += outline * towards[i - 3] * towards[k - 3]
-        own[i, i] += turn if i < 3 else shift
-    for i in range(6):
-        for k in range(6):
-            covariance[i, k] = 0.5 * (own[i, k] + own[k, i])
+            covariance[i, k] = 0.5 * image * (both[i, k] + both[k, i])
+        if i >= 3:
+            covariance[i, i] += shift_mm * shift_mm
 
 
 def spread(covariance: FloatArray) -> tuple[float, float]:
     """Standard deviations (deg, mm) of a covariance (6, 6): of the turn and of the shift that are least known."""
     turn, shift = (np.linalg.eigvalsh(block)[-1] for block in (covariance[:3, :3], covariance[3:, 3:]))
     return float(np.degrees(np.sqrt(max(turn, 0.0)))), float(np.sqrt(max(shift, 0.0)))
+
+
+class ExpectedError:
+    """The ADD that a covariance lets one expect of a part.
+
+    Of a part that a turn leaves as it is, what its turns about that axis add is left out, as ADD-S does.
+    """
+
+    def __init__(self, part: Part) -> None:
+        arms = part.vertices - part.box_centre
+        self._mean, self._square = arms.mean(0), arms.T @ arms / len(arms)
+        self._free: list[FloatArray] = []
+        for axis, offset in part.symmetries.continuous:
+            about = np.asarray(axis, np.float64)
+            self._free.append(np.concatenate([about, np.cross(np.subtract(offset, part.box_centre), about)]))
+
+    def rms_mm(self, covariance: FloatArray, cam_T_obj: FloatArray) -> float:
+        """Root of the mean squared distance of the part's vertices at a pose (4, 4) with a covariance (6, 6)."""
+        rotation = cam_T_obj[:3, :3]
+        square, (x, y, z) = rotation @ self._square @ rotation.T, rotation @ self._mean
+        cost = np.eye(6)
+        cost[:3, :3] = np.trace(square) * np.eye(3) - square
+        # A turn w and a shift v move a vertex at r by w x r + v.
+        cost[:3, 3:] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+        cost[3:, :3] = cost[:3, 3:].T
+        for free in self._free:
+            step = np.concatenate([rotation @ free[:3], rotation @ free[3:]])
+            pull = cost @ step
+            cost -= np.outer(pull, pull) / max(float(step @ pull), 1e-12)
+        return float(np.sqrt(max(float(np.sum(cost * covariance)), 0.0)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import re
 import shutil
 import time
 from dataclasses import replace
@@ -345,6 +346,20 @@ def test_the_summary_says_where_no_frame_was_good(tmp_path: Path) -> None:
     poor.add(0, TrackState.WEAK, is_unreadable=False)
     assert _next_after_loss(RunSummary((poor,)), tmp_path / "r.csv").endswith("r.csv says why no frame was good")
     assert _next_after_loss(RunSummary((poor,)), tmp_path / "r.csv", live=True) == ""
+
+
+def test_the_summary_says_where_poses_are_inexact(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    assert "exactness" not in track(capsys, dataset, parts, tmp_path / "results.csv").out
+    (tmp_path / "vague.toml").write_text(
+        'base = "acp"\n[uncertainty]\nkind = "calibrated"\nshift_px = 30.0\n', encoding="utf-8"
+    )
+    vague = track(capsys, dataset, parts, tmp_path / "vague.csv", "--config", str(tmp_path / "vague.toml"))
+    assert re.search(r"quality (0|1)\.\d\d, exactness 0\.[0-8]\d, \d+\.\d ms per frame \(medians\)", vague.out), vague
+    # What it says of poses changes none.
+    poses = [[row.cam_T_obj for row in read_results(tmp_path / name)] for name in ("results.csv", "vague.csv")]
+    np.testing.assert_array_equal(*poses)
 
 
 def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:

@@ -12,12 +12,13 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.confidence import EDGES_ALONE, Confidence, weight_of_evidence
+from acp_lab.tracking.confidence import EDGES_ALONE, RIGHT_SHARE, Confidence, weight_of_evidence
 from acp_lab.tracking.learning.knowledge import Off
-from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF
+from acp_lab.tracking.method import ACP, ACP_EDGES, DIRECT_6DOF, Method
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
+from acp_lab.tracking.uncertainty import ExpectedError, PoseUncertainty
 from tests.tracking.rendered import MadeSequence
 
 
@@ -84,6 +85,64 @@ def test_what_the_log_odds_are_made_of(model: PreparedPart, sequence: MadeSequen
     assert Confidence(-2.0, 3.0, 4.0, 5.0).of(solution) == pytest.approx(1.0 / (1.0 + np.exp(-odds)))
     alone = replace(solution, judgements=(first,))
     assert EDGES_ALONE.of(alone) == pytest.approx(EDGES_ALONE.of(solution))
+
+
+def test_an_inexact_pose_is_less_likely_right() -> None:
+    confidence = replace(Confidence(), spread=1.0)
+    assert confidence.exactness(0.0) == 1.0
+    # One standard deviation is 5%: as many are within as within one sigma.
+    assert confidence.exactness(RIGHT_SHARE) == pytest.approx(0.6827, abs=1e-4)
+    assert replace(confidence, spread=0.5).exactness(RIGHT_SHARE) == pytest.approx(0.9545, abs=1e-4)
+    assert replace(confidence, spread=0.0).exactness(10.0) == 1.0
+    shares = [confidence.exactness(error) for error in np.linspace(0.0, 1.0, 101)]
+    assert (np.diff(shares) <= 0.0).all()
+    assert shares[-1] < 0.05
+    assert confidence.exactness(float("inf")) == 0.0
+    assert confidence.exactness(float("nan")) == 0.0, "whoever knows nothing of a pose does not call it exact"
+    for value in (-0.1, float("nan"), float("inf")):
+        with pytest.raises(TrackingError, match=r"confidence\.spread"):
+            Confidence(spread=value)
+
+
+@pytest.fixture
+def unsure() -> Method:
+    """Of whose edges' breaks nothing is known, nor where the part lies: no pose is exact."""
+    return replace(ACP, uncertainty=PoseUncertainty(outline_mm=20, crease_mm=20, shift_px=20))
+
+
+def test_an_inexact_pose_is_said_to_be_one_and_tracked_as_any_other(
+    model: PreparedPart, sequence: MadeSequence, unsure: Method
+) -> None:
+    frames = [frame for frame in sequence.frames(4) if isinstance(frame, Frame)]
+    one, other = (Tracker(model, method) for method in (ACP, unsure))
+    # A pose that was given, and with which the image agrees, is taken as it is.
+    assert [tracker.start(frames[0], sequence.first_pose).exactness for tracker in (one, other)] == [1.0, 1.0]
+    for frame in frames[1:]:
+        exact, inexact = one.track(frame), other.track(frame)
+        np.testing.assert_array_equal(exact.cam_T_obj, inexact.cam_T_obj)
+        assert (exact.quality, exact.state) == (inexact.quality, inexact.state)
+        assert exact.exactness > 0.9
+        assert inexact.exactness < 0.4
+        assert inexact.right == inexact.quality * inexact.exactness
+        assert inexact.covariance is not None
+        rms = ExpectedError(model.part).rms_mm(inexact.covariance, inexact.cam_T_obj) / model.part.diameter
+        assert inexact.exactness == pytest.approx(Confidence().exactness(rms))
+
+
+def test_a_start_that_is_not_trusted_has_a_covariance(
+    part: Part, model: PreparedPart, sequence: MadeSequence, unsure: Method
+) -> None:
+    (frame,) = sequence.frames(1)
+    assert isinstance(frame, Frame)
+    off = disturb_pose(sequence.first_pose, part.box_centre, 5.0, 5.0, np.random.default_rng(1))
+    sure, doubtful = Tracker(model), Tracker(model, unsure)
+    found, vague = sure.start(frame, off), doubtful.start(frame, off)
+    assert not sure.start_was_trusted
+    assert found.covariance is not None
+    assert vague.covariance is not None
+    assert found.exactness > 0.8
+    assert vague.exactness < 0.4
+    np.testing.assert_array_equal(found.cam_T_obj, vague.cam_T_obj)
 
 
 def test_without_it_the_quality_is_the_agreement(model: PreparedPart, sequence: MadeSequence) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.prepared_part import PreparedPart
@@ -99,6 +100,13 @@ def test_every_step_is_that_of_the_general_solver(
 def test_what_the_image_says_is_the_same(levels: Levels) -> None:
     problem, start = levels.problem(FINE)
     np.testing.assert_array_equal(compiled(problem, start).information(start), problem.information(start).matrix)
+
+    def beside(edges: GeneratedEdges, directions: FloatArray) -> FloatArray:
+        return directions * edges.points
+
+    found = compiled(problem, start).information(start, beside)
+    assert found.shape == (8, 8)
+    np.testing.assert_array_equal(found, problem.information(start, beside).matrix)
 
 
 def test_a_part_that_would_go_behind_the_camera_stays(levels: Levels) -> None:

@@ -356,14 +356,22 @@ def test_what_is_known_of_control_points_is_known_of_the_pose(view: View, rng: n
     def measure(seen: GeneratedEdges) -> Said:
         return Said(none, edges.normals, weights, 0.0)
 
-    found = []
+    def beside(seen: GeneratedEdges, directions: FloatArray) -> FloatArray:
+        return shares
+
+    found, together = [], []
     for variables, motion in (
         (ControlPointVariables(), HomographyMotion(edges, start.control_points)),
         (PoseVariables(), RigidMotion(edges, points_obj, start)),
     ):
-        matrix = Problem(motion, [WeightedMeasure(measure, 3.0)]).information(start).matrix  # type: ignore[arg-type]
-        found.append(variables.pose_information(matrix, start))
+        problem = Problem(motion, [WeightedMeasure(measure, 3.0)])  # type: ignore[arg-type]
+        found.append(variables.pose_information(problem.information(start).matrix, start))
+        together.append(variables.pose_information(problem.information(start, beside).matrix, start))
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6, atol=1e-6 * np.abs(found[1]).max())
+    # Of what is unknown beside the pose they say the same, too.
+    np.testing.assert_allclose(together[0], together[1], rtol=1e-6, atol=1e-6 * np.abs(found[1]).max())
+    np.testing.assert_allclose(together[1][:6, :6], found[1], rtol=1e-12)
+    np.testing.assert_allclose(together[1][6:, 6:], shares.T @ (3.0 * weights[:, None] * shares), rtol=1e-9)
     rows = pose_flow(view, view.prior, points_obj)
     along = rows_along(rows, edges.normals)
     np.testing.assert_allclose(found[1], along.T @ (3.0 * weights[:, None] * along), rtol=1e-9)

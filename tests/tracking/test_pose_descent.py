@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.prepared_part import PreparedPart
@@ -82,6 +83,11 @@ class Levels:
         return Problem(motion, measures, priors, variables.scale(at.view)), at
 
 
+def beside(edges: GeneratedEdges, directions: FloatArray) -> FloatArray:
+    """Two unknowns beside the pose, for example."""
+    return np.stack([edges.weights, directions[:, 0] * edges.points[:, 1]], axis=1)
+
+
 class _Pull:
     """A prior of its own kind."""
 
@@ -127,6 +133,10 @@ def test_what_the_image_says_is_the_same(levels: Levels) -> None:
     problem, start = levels.problem(FINE)
     expected = problem.information(start).matrix
     np.testing.assert_allclose(compiled(problem, start).information(start), expected, rtol=1e-9)
+    with_breaks = problem.information(start, beside).matrix
+    assert with_breaks.shape == (8, 8)
+    np.testing.assert_allclose(with_breaks[:6, :6], expected, rtol=1e-12)
+    np.testing.assert_allclose(compiled(problem, start).information(start, beside), with_breaks, rtol=1e-9)
 
 
 @pytest.mark.parametrize("left_out", range(len(PRIORS) + 1))

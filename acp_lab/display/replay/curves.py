@@ -127,7 +127,10 @@ class CurveLog:
         )
         if result.covariance is not None:
             turn_deg, shift_mm = spread(result.covariance)
-            lines.append(f"known to {turn_deg:.2f} deg, {shift_mm:.2f} mm (one standard deviation)")
+            lines.append(
+                f"known to {turn_deg:.2f} deg, {shift_mm:.2f} mm (one standard deviation), "
+                f"within 5 % of the diameter with {result.exactness:.2f}"
+            )
         if error is not None:
             lines.append(
                 f"{self._add_percent.metric} {add_percent:.2f} % of the diameter, {error.rotation_deg:.2f} deg, "

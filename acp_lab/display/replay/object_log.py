@@ -157,7 +157,7 @@ class ObjectLog:
             self._log.row(entity, rr.LineStrips3D, strips=[np.array(trail, np.float32)])
 
     def _log_uncertainty(self, result: TrackResult) -> None:
-        """The ellipsoid that holds the part's centre with a probability of 95%, given that the pose is right."""
+        """The ellipsoid that holds the part's centre with a probability of 95%, given that the part is there."""
         import rerun as rr
 
         nothing = np.zeros((0, 3))
