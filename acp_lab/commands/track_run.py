@@ -94,7 +94,7 @@ class Reporter:
         self._progress.close()
 
 # Above it the exactness is not worth a word.
-_EXACT = 0.9
+_EXACT = 0.95
 
 
 @dataclass
