@@ -351,7 +351,8 @@ def test_the_summary_says_where_no_frame_was_good(tmp_path: Path) -> None:
 def test_the_summary_says_where_poses_are_inexact(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
 ) -> None:
-    assert "exactness" not in track(capsys, dataset, parts, tmp_path / "results.csv").out
+    usual = re.search(r"exactness (\d\.\d\d)", track(capsys, dataset, parts, tmp_path / "results.csv").out)
+    assert usual is None or float(usual[1]) > 0.9, "it is named only where it is low"
     (tmp_path / "vague.toml").write_text(
         'base = "acp"\n[uncertainty]\nkind = "calibrated"\nshift_px = 30.0\n', encoding="utf-8"
     )
