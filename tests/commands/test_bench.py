@@ -16,6 +16,7 @@ from acp_lab.commands.bench import BenchOptions
 from acp_lab.commands.bench_parts import RICHEST_FIRST, generator_of
 from acp_lab.commands.prepare import Spread
 from acp_lab.display.replay.file import check_replay
+from acp_lab.display.replay.recorder import Replay
 from acp_lab.prepared_part import PreparedPart, PrepareOptions
 from acp_lab.sequences import read_results
 from acp_lab.tracking.method import METHODS
@@ -77,6 +78,32 @@ def test_what_was_run_is_not_run_again(
     monkeypatch.setattr("acp_lab.bench.spread.run_task", refuse)
     assert run(capsys, *words).status == 0
     assert rows_of(tmp_path / "out") == before
+
+
+def test_half_a_replay_is_never_linked(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", out, "--jobs", "1")
+
+    def broken_off(task: object, observers: list[Replay]) -> None:
+        observers[0].path.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("acp_lab.bench.runner.watch", broken_off)
+        assert run(capsys, *words).status != 0
+    assert not list((out / "replays").iterdir())
+    assert run(capsys, *words).status == 0
+    (replay,) = (out / "replays").iterdir()
+    assert check_replay(replay).is_complete
+    # Nor one that a killed process left, which could not tidy up.
+    whole = replay.read_bytes()
+    replay.unlink()
+    replay.with_name(f"{replay.stem}.unfinished.rrd").write_bytes(whole[: len(whole) // 2])
+    assert run(capsys, *words).status == 0
+    assert list((out / "replays").iterdir()) == [replay]
+    assert check_replay(replay).is_complete
 
 
 def test_changed_data_is_run_again(
