@@ -1,11 +1,10 @@
 """What all edges of a part have in common: they are broken by more, or by less, than anybody knows.
 
-A machinist breaks every edge of a part in one go, and its light falls on all of them. So what puts one image edge
-beside the CAD's puts the others there too (of a smooth outline, which has no edge to break, the light alone), and a
-thousand edge points that agree say no more of it than ten. Two
-unknowns stand for that: by how many mm the edges of the outline are broken, and by how many the creases within it.
-A frame's information of the pose is told together with that of these two; who asks how exact the pose is has to ask
-for both (`uncertainty`).
+A machinist breaks every edge of a part in one go, and one light falls on all of them. So what puts one image edge
+beside the CAD's puts the others there too, and a thousand edge points that agree say no more of it than ten. Two
+unknowns stand for that: by how many mm the edges of the outline are broken, and by how many the creases within it. (A
+smooth outline has no edge to break; the light is the same for it.) A frame's information of the pose is told together
+with that of these two: how exact the pose is depends on what is known of them (`uncertainty`).
 (Not in the paper, which takes CAD edges as they are; see docs/paper-ledger.md.)
 """
 

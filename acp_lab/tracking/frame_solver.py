@@ -202,8 +202,8 @@ class FrameSolver:
             motion = method.variables.motion(self.source, edges, at, self._lifter, level.samples)
             measures = [target.bind(motion.kept(edges), at, level) for target in seen.targets]
             breaks = BrokenEdges(self._model.edges, self._into_obj, at)
-            of = self._problem(motion, measures, at, level).information(at, breaks).matrix
-            return replace(solution, information=method.variables.pose_information(of, at))
+            matrix = self._problem(motion, measures, at, level).information(at, breaks).matrix
+            return replace(solution, information=method.variables.pose_information(matrix, at))
         except GeometryError:
             return solution
 
@@ -275,8 +275,11 @@ class FrameSolver:
                 information = None
                 if method.prediction.weighs_images:
                     breaks = BrokenEdges(self._model.edges, self._into_obj, began)
-                    of = problem.information(at, breaks).matrix if arrays is None else arrays.information(at, breaks)
-                    information = method.variables.pose_information(of, at)
+                    if arrays is None:
+                        matrix = problem.information(at, breaks).matrix
+                    else:
+                        matrix = arrays.information(at, breaks)
+                    information = method.variables.pose_information(matrix, at)
                 solution = Solution(at, judgements, loss, information, iterations, tuple(steps))
             clock.solve_s += clock.lap()
         # Not finite where the last step put some edge points behind the camera.

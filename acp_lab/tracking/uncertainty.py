@@ -31,7 +31,7 @@ class PoseUncertainty:
     Attributes:
         image: multiple of the variance that the solve alone would give.
         outline_mm, crease_mm: standard deviation of how far the edges of the outline, and the creases within it, are
-            broken, beside what is expected of each.
+            broken, beside what is expected of each; of creases as good as nothing is known.
         shift_px: standard deviation of a shift of the part.
     """
 
