@@ -23,6 +23,7 @@ from acp_lab.machine import short_collections
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.confidence import EXACT
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
@@ -93,9 +94,6 @@ class Reporter:
     def on_end(self) -> None:
         self._progress.close()
 
-# Above it the exactness is not worth a word.
-_EXACT = 0.95
-
 
 @dataclass
 class ObjectSummary:
@@ -151,7 +149,7 @@ class ObjectSummary:
         if self.unreadable:
             states += f"; {self.unreadable} not readable"
         quality = f"{median(self.qualities):.2f}" if self.qualities else "-"
-        if self.exactness and median(self.exactness) < _EXACT:
+        if self.exactness and median(self.exactness) < EXACT:
             quality += f", exactness {median(self.exactness):.2f}"
         return (
             f"scene {self.scene_id}, object {self.object_id} ({self.part}): {frames} ({states}), "

@@ -27,7 +27,7 @@ from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.tracking.confidence import weight_of_evidence
+from acp_lab.tracking.confidence import EXACT, weight_of_evidence
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.session import TrackRun, check_run
 
@@ -110,6 +110,8 @@ class Diagnosis:
         if math.isfinite(self.add_percent):
             text += f", {self.metric} {self.add_percent:.1f}% of the diameter"
         text += "."
+        if self.result.exactness < EXACT:
+            text += f" What is seen fixes its pose poorly: exactness {self.result.exactness:.2f}."
         if self.onset < self.frame:
             text += f" The problem began in frame {self.onset}."
         if self.lost_since is not None:

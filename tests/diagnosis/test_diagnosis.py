@@ -404,6 +404,15 @@ def test_the_error_told_is_that_of_the_evaluation(good: TrackRun, part: Part, tr
     assert f", ADD {100.0 * 5.0 / part.diameter:.1f}% of the diameter" in diagnosis.summary
 
 
+def test_a_pose_that_is_poorly_fixed_is_said_to_be(good: TrackRun) -> None:
+    results = list(good.results[1])
+    results[3] = replace(results[3], exactness=0.62)
+    results[4] = replace(results[4], exactness=0.96)
+    run = replace(good, results={1: tuple(results)})
+    assert "What is seen fixes its pose poorly: exactness 0.62." in diagnose(run, 3).summary
+    assert "exactness" not in diagnose(run, 4).summary
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_a_pose_beside_the_part_is_named_whatever_its_quality(good: TrackRun, part: Part, known: bool) -> None:
     """It was said that nothing stands out, with the edges found, which are those of the true pose."""
