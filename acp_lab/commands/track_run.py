@@ -23,10 +23,9 @@ from acp_lab.machine import short_collections
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.tracking.confidence import EXACT
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.observer import Observer, SessionInfo
-from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
+from acp_lab.tracking.result import EXACT, NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.results_file import ResultsFile
 from acp_lab.tracking.session import follow_sequence
 from acp_lab.tracking.sought import MOST_KEPT, to_row

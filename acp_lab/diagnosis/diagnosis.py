@@ -27,8 +27,8 @@ from acp_lab.geometry.homography import corner_areas, extent
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.tracking.confidence import EXACT, weight_of_evidence
-from acp_lab.tracking.result import TrackResult, TrackState
+from acp_lab.tracking.confidence import weight_of_evidence
+from acp_lab.tracking.result import EXACT, TrackResult, TrackState
 from acp_lab.tracking.session import TrackRun, check_run
 
 ELSEWHERE_PERCENT = 10.0

@@ -25,8 +25,6 @@ from acp_lab.tracking.targets.normals import NormalJudgement
 
 RIGHT_SHARE = 0.05
 """Of the diameter: a pose with less ADD is right."""
-EXACT = 0.95
-"""An exactness below it is worth a word to the user."""
 
 
 @dataclass(frozen=True)

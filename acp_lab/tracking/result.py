@@ -11,6 +11,8 @@ from acp_lab.tracking.sought import Sought
 
 NOT_PREPARED = "is not prepared"
 """In the note of the frame in which a part turned to a view region that its generator was not prepared for."""
+EXACT = 0.95
+"""An exactness below it is worth a word to the user."""
 
 
 class TrackState(StrEnum):
@@ -122,3 +124,8 @@ class TrackResult:
     def right(self) -> float:
         """In [0, 1]; how likely the pose is right: the part is there, and its ADD below 5% of the diameter."""
         return self.quality * self.exactness
+
+    @property
+    def quality_in_words(self) -> str:
+        """For a status line: the quality, and the exactness where it is low."""
+        return f"quality {self.quality:.2f}" + (f", exactness {self.exactness:.2f}" if self.exactness < EXACT else "")

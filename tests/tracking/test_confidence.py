@@ -124,6 +124,8 @@ def test_an_inexact_pose_is_said_to_be_one_and_tracked_as_any_other(
         assert exact.exactness > 0.9
         assert inexact.exactness < 0.4
         assert inexact.right == inexact.quality * inexact.exactness
+        assert inexact.quality_in_words == f"quality {inexact.quality:.2f}, exactness {inexact.exactness:.2f}"
+        assert replace(exact, exactness=0.96).quality_in_words == f"quality {exact.quality:.2f}"
         assert inexact.covariance is not None
         rms = ExpectedError(model.part).rms_mm(inexact.covariance, inexact.cam_T_obj) / model.part.diameter
         assert inexact.exactness == pytest.approx(Confidence().exactness(rms))

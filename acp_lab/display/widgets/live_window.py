@@ -160,7 +160,7 @@ class LiveWindow(Still, ipywidgets.VBox):
         rate = f"{(len(self._times_s) - 1) / span_s:.0f} frames per second" if span_s > 0.0 else ""
         if result is None:
             return f"{WATCHING}; {rate}"
-        words = [str(result.state), f"quality {result.quality:.2f}", f"{1e3 * result.timings.total_s:.0f} ms", rate]
+        words = [str(result.state), result.quality_in_words, f"{1e3 * result.timings.total_s:.0f} ms", rate]
         return ", ".join([*words, result.note] if result.note else words)
 
     def _leave_aligner(self) -> None:

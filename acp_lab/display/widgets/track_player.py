@@ -137,7 +137,7 @@ class TrackPlayer(Still, ipywidgets.VBox):
         )
 
     def _told(self, result: TrackResult, add_percent: float) -> str:
-        words = [str(result.state), f"quality {result.quality:.2f}", f"{1e3 * result.timings.total_s:.1f} ms"]
+        words = [str(result.state), result.quality_in_words, f"{1e3 * result.timings.total_s:.1f} ms"]
         if np.isfinite(add_percent):
             words.insert(1, f"{self._metric} {add_percent:.2f} %")
         return ", ".join([*words, result.note] if result.note else words)
