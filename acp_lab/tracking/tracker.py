@@ -42,7 +42,7 @@ from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tones import Tones
 from acp_lab.tracking.uncertainty import ExpectedError
-from acp_lab.tracking.way_back import Reacquisition, Verdict
+from acp_lab.tracking.way_back import LEAST_EXACT, Reacquisition, Verdict
 
 
 class Tracker:
@@ -209,6 +209,7 @@ class Tracker:
         fits = self._fitted  # which a second look may have denied
         if self._states.state is TrackState.TRACKING:
             self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
+        self._believed &= self._states.state is TrackState.WEAK
         if self._is_lost and self._way_back is not None:
             # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
             pursuit.restart(solution.cam_T_obj if fits else self._last_seen)
@@ -272,6 +273,8 @@ class Tracker:
             self._way_back.forget()
         if self._tones is not None:
             self._tones.forget()
+        # Whether a second look found a weak part where it is, however little of it fixes its pose.
+        self._believed = False
         self._started = self._trusted = self._fitted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 
@@ -364,9 +367,14 @@ class Tracker:
         return proposals
 
     def _doubts(self, frame: Frame, solution: Solution, quality: float) -> bool:
-        """Whether a part that was lost or weak needs a second look."""
+        """Whether a part that was lost or weak needs a second look: it is elsewhere, or what is seen fixes no pose."""
         way_back = self._way_back
-        return way_back is not None and way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
+        if way_back is None:
+            return False
+        exactness = self._exactness(solution.cam_T_obj, self._covariance(solution))
+        if exactness < LEAST_EXACT and not self._believed:
+            return True  # a cable looks like a plate edge-on, but it may lie anywhere along itself
+        return way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
 
     def _look_again(self, frame: Frame, solution: Solution, clock: Stopwatch) -> str:
         """Whether a part that came back elsewhere is it; the reason when the state changed."""
@@ -382,7 +390,7 @@ class Tracker:
             self._fitted = False
             return self._states.lose("a second look found it elsewhere")
         if verdict is Verdict.RIGHT:
-            self._states.doubted, self._last_seen = False, solution.cam_T_obj
+            self._states.doubted, self._last_seen, self._believed = False, solution.cam_T_obj, True
         return ""
 
     def _try(self, frame: Frame, proposals: list[FloatArray], clock: Stopwatch) -> Solution | None:

@@ -267,6 +267,33 @@ def test_a_part_that_was_weak_and_turns_up_elsewhere_is_doubted(
     assert np.array_equal(places[1], results[5].cam_T_obj)  # believed, so it is not looked at again
 
 
+def test_a_part_that_was_weak_and_whose_pose_nothing_fixes_is_doubted(
+    far_away: tuple[PreparedPart, list[ByteImage], list[FloatArray]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cable beside the part may fit well, with all that is asked of where it lies; it fixes no pose."""
+    model, images, truth = far_away
+    qualities = iter([0.9, 0.9, 0.4, 0.7, 0.7, 0.7])
+    answers, looks = iter([Verdict.OPEN, Verdict.RIGHT]), list[int]()
+
+    def second_look(_: Reacquisition, frame: Frame, *__: FloatArray) -> Verdict:
+        looks.append(frame.index)
+        return next(answers)
+
+    monkeypatch.setattr(Tracker, "_quality", lambda *_: next(qualities))
+    monkeypatch.setattr(Tracker, "_exactness", lambda *_: 0.3)
+    monkeypatch.setattr(Reacquisition, "doubts", lambda *_: False)
+    monkeypatch.setattr(Reacquisition, "second_look", second_look)
+    tracker = Tracker(model)
+    results = [tracker.start(Frame(0, images[0], LARGE), truth[0])]
+    results += [tracker.track(Frame(k, images[0], LARGE)) for k in range(1, 6)]
+    tracking, weak = TrackState.TRACKING, TrackState.WEAK
+    # An inexact pose of a part that is tracked anyway changes nothing.
+    assert [result.state for result in results[:2]] == [tracking] * 2
+    # Weak until the detector finds it there, too.
+    assert [result.state for result in results[2:]] == [weak] * 3 + [tracking]
+    assert looks == [3, 4]
+
+
 # ---- in a tracker ----------------------------------------------------------------------------------------------
 
 
