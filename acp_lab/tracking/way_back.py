@@ -8,9 +8,9 @@ any more the part may have moved on: the next search is around there. While a fr
 decides.
 
 A part that is back where it was, after it was lost or weak, is believed, and so is one that fits very well. Elsewhere
-something else may look like it, above all from a side from which it shows little: a plate's edge on a cable. There it
-stays weak, and teaches nothing, until a second look: the detector searches a frame of the return, and the pose has to
-win against all that it finds.
+something else may look like it, above all from a side from which it shows little: a plate's edge on a cable. There,
+and wherever what is seen fixes no pose (`uncertainty`), it stays weak, and teaches nothing, until a second look: the
+detector searches a frame of the return, and the pose has to win against all that it finds.
 """
 
 from __future__ import annotations
