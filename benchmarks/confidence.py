@@ -45,6 +45,7 @@ from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import FAULTS  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
+from benchmarks.uncertainty import Watched  # noqa: E402
 
 WRONG = 0.1
 RUNS = (
@@ -73,8 +74,8 @@ UNIT = {
 class Judged:
     """A pose that was judged.
 
-    kind: "tracked", "disturbed" or one of FAULTS; error: ADD as a share of the diameter, expected: by the covariance, 0
-    without one.
+    part: see `runs.part_name`; kind: "tracked", "disturbed" or one of FAULTS; error: ADD as a share of the diameter;
+    expected: the same by the covariance, 0 without one.
     """
 
     part: str
@@ -104,7 +105,7 @@ def main() -> None:
             scene = BopDataset(root).open_scene(scene_id)
             name = part_name(root, scene.object_ids[0])
             if is_in_split(name, args.split):
-                judged += (replace(one, part=name) for one in _judged(scene, args.parts, method))
+                judged += _judged(name, scene, args.parts, method)
                 print(root.name, scene_id, len(judged), flush=True)
     if args.fit:
         print("all anew:", fitted(judged))
@@ -132,7 +133,7 @@ def main() -> None:
         measured.record(f"confidence.{args.record}", about, UNIT, names, values)
 
 
-def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
+def _judged(name: str, scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric, rng = PartMetric(model.part, 500), np.random.default_rng(scene.scene_id)
@@ -141,7 +142,7 @@ def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
     visible = visible_frames(scene.folder, object_id, [frame.index for frame in known])
     for order, off, fault in RUNS:
         run = known[ORDERS.get(order, slice(None))]
-        tracker = _Watched(model, replace(method, states=NEVER_LOST, way_back=Off()))
+        tracker = _Judging(model, replace(method, states=NEVER_LOST, way_back=Off()))
         truths = [_truth(scene, frame, object_id) for frame in run]
         try:
             tracker.start(run[0], disturb_pose(truths[0], model.part.box_centre, off, off, rng))
@@ -157,23 +158,17 @@ def _judged(scene: BopScene, parts: Path, method: Method) -> Iterator[Judged]:
                 continue
             error = metric.share(tracker.solution.cam_T_obj, truth)
             if faulty or not fault:
-                yield _seen(fault or "tracked", error, tracker, tracker.solution)
+                yield _seen(name, fault or "tracked", error, tracker, tracker.solution)
             if number % 4 == 0 and off == 0.0 and not fault and order != "second" and error < 0.03:
-                yield from _disturbed(tracker, frame, truth, metric, rng)
+                yield from _disturbed(name, tracker, frame, truth, metric, rng)
 
 
-class _Watched(Tracker):
-    """Keeps the solution of the last frame as it is reported; None where the part was not seen."""
-
-    solution: Solution | None = None
-
-    def _covariance(self, solution: Solution) -> FloatArray | None:
-        self.solution = solution
-        return super()._covariance(solution)
+class _Judging(Watched):
+    """Says of solutions how exact they are."""
 
     def expected_error(self, solution: Solution) -> float:
-        """As a share of the diameter, by the covariance of a solution; 0 without one."""
-        covariance = super()._covariance(solution)
+        """The ADD to be expected by its covariance, as a share of the diameter; 0 without one."""
+        covariance = Tracker._covariance(self, solution)
         if covariance is None:
             return 0.0
         return self._expected_error.rms_mm(covariance, solution.cam_T_obj) / self.part.diameter
@@ -186,7 +181,7 @@ def _truth(scene: BopScene, frame: Frame, object_id: int) -> FloatArray:
 
 
 def _disturbed(
-    tracker: _Watched, frame: Frame, truth: FloatArray, metric: PartMetric, rng: np.random.Generator
+    name: str, tracker: _Judging, frame: Frame, truth: FloatArray, metric: PartMetric, rng: np.random.Generator
 ) -> Iterator[Judged]:
     part, found = tracker.part, 0
     for _ in range(60):
@@ -198,17 +193,17 @@ def _disturbed(
             continue
         solution = tracker.solver.look_at(seen, seen.view.at_pose(pose), Level(5, 1.0, 600), Stopwatch())
         if solution is not None:
-            yield _seen("disturbed", error, tracker, tracker.solver.weigh(seen, solution))
+            yield _seen(name, "disturbed", error, tracker, tracker.solver.weigh(seen, solution))
             found += 1
         if found == 3:
             return
 
 
-def _seen(kind: str, error: float, tracker: _Watched, solution: Solution) -> Judged:
+def _seen(name: str, kind: str, error: float, tracker: _Judging, solution: Solution) -> Judged:
     first, *others = solution.judgements
     assert isinstance(first, NormalJudgement)
     margin, expected = sum(judgement.score for judgement in others), tracker.expected_error(solution)
-    return Judged(tracker.part.name, kind, error, expected, first.quality, first.contrast, margin)
+    return Judged(name, kind, error, expected, first.quality, first.contrast, margin)
 
 
 def qualities(judged: list[Judged], confidence: Confidence) -> FloatArray:

@@ -71,8 +71,8 @@ class Pose:
         return float(error @ np.linalg.solve(block, error)), float(np.linalg.slogdet(block)[1])
 
 
-class _Watched(Tracker):
-    """Keeps the solution of the last frame."""
+class Watched(Tracker):
+    """Keeps the solution of the last frame as it is reported; where the part is not seen, that of the frame before."""
 
     solution: Solution | None = None
 
@@ -120,7 +120,7 @@ def _tracked(scene: BopScene, parts: Path, name: str) -> Iterator[Pose]:
     known = [(frame, truth) for frame, truth in found if truth is not None]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame, _ in known])
     for off, step in RUNS:
-        tracker, ((first, start), *rest) = _Watched(model, ACP), known[::step]
+        tracker, ((first, start), *rest) = Watched(model, ACP), known[::step]
         try:
             tracker.start(first, disturb_pose(start, part.box_centre, off, off, rng))
         except TrackingError:

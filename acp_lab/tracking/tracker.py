@@ -161,7 +161,7 @@ class Tracker:
         if self._way_back is not None and self.model.views is not None:
             self._finder()  # before it is needed
         note = "; ".join(filter(None, (started.note, note)))
-        if not self._trusted and self.method.prediction.weighs_images:
+        if not self._trusted and not isinstance(self.method.uncertainty, Off):
             solution = self.solver.weigh(seen, solution)
         return self._result(frame, pose, solution, quality, clock, begin_s, note)
 
