@@ -228,6 +228,12 @@ def prepared_part_of(scene: BopScene, parts: Path) -> PreparedPart:
 
 def visible_frames(folder: Path, object_id: int, frame_ids: Iterable[int]) -> dict[int, bool]:
     """By frame id: whether enough of the object is visible; True where scene_gt_info.json does not tell."""
+    shares = visible_shares(folder, object_id)
+    return {frame_id: shares.get(frame_id, 1.0) >= VISIBLE for frame_id in frame_ids}
+
+
+def visible_shares(folder: Path, object_id: int) -> dict[int, float]:
+    """By frame id: the visible share of the object, where scene_gt_info.json tells."""
     shares: dict[int, float] = {}
     if (folder / "scene_gt_info.json").exists():
         seen = json.loads((folder / "scene_gt_info.json").read_text(encoding="utf-8"))
@@ -235,4 +241,4 @@ def visible_frames(folder: Path, object_id: int, frame_ids: Iterable[int]) -> di
             for entry, info in zip(shown, seen.get(frame_id, ()), strict=False):
                 if entry["obj_id"] == object_id:
                     shares[int(frame_id)] = info["visib_fract"]
-    return {frame_id: shares.get(frame_id, 1.0) >= VISIBLE for frame_id in frame_ids}
+    return shares

@@ -17,6 +17,7 @@ from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
+from acp_lab.geometry.in_image import in_image
 from acp_lab.imaging.edge_search import Candidates, ImagePatch
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate
@@ -112,9 +113,7 @@ class Matches:
     @property
     def in_image(self) -> BoolArray:
         """(n,) whether an edge lies in the image: of the others nothing can be found, and that says nothing of them."""
-        camera, inside = self.at.view.camera, np.empty(len(self.edges), np.bool_)
-        _in_image(plain(self.edges.points), camera.width - 1.0, camera.height - 1.0, inside)
-        return inside
+        return in_image(self.edges.points, self.at.view.camera)
 
     @property
     def gradients(self) -> FloatArray:
@@ -335,14 +334,6 @@ class SampleKnowledge:
             self.blur.learn(matches.patch, matches.edges.points, matches.normals, matches.jacobian @ motion)
         if self.lens is not None:
             self.lens.learn(matches.patch)
-
-
-@kernel("void(f8[:, ::1], f8, f8, b1[::1])")
-def _in_image(points: FloatArray, right: float, bottom: float, inside: BoolArray) -> None:
-    """Fill inside (n,): whether points (n, 2) px lie from 0 to right and bottom."""
-    for n in range(len(points)):
-        x, y = points[n, 0], points[n, 1]
-        inside[n] = (x >= 0.0) & (x <= right) & (y >= 0.0) & (y <= bottom)
 
 
 @kernel("void(f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f8[::1])")

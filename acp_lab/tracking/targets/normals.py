@@ -17,6 +17,7 @@ from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
+from acp_lab.geometry.in_image import in_image
 from acp_lab.imaging.edge_search import Candidates, ImagePatch, SearchConfig, image_patch, search_along_normals
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.frame_view import Estimate, FrameView
@@ -34,6 +35,8 @@ _JUDGE_LEVEL = Level(5, QUALITY_SIGMA_PX)
 _FOUND, _SURELY_FOUND = 0.02, 0.1
 # Where chance alone would find edges: near, but not where those of a right pose still count.
 _BESIDE_PX = 2.5
+# Were fewer edge points asked, a pose that leads out of the image would fit by the last few that are left in it.
+_LEAST_SHOWN = 0.25
 
 
 @dataclass(frozen=True)
@@ -181,6 +184,11 @@ class NormalMeasure:
         """See `NormalSearch`."""
         return self._target.config.plain_share
 
+    def shown(self, edges: GeneratedEdges) -> float:
+        """Share of edge points that the image can show; a quarter, where it is less. Means are over these."""
+        inside = in_image(edges.points, self.at.view.camera)
+        return max(np.count_nonzero(inside) / max(len(inside), 1), _LEAST_SHOWN)
+
     def plain_quality(self, distances: FloatArray, shift_px: float = 0.0) -> float:
         """The quality of distances (n, m) px, less a shift, to the candidates, whatever the memory says of these."""
         return float(_mean_nearness(self.candidates.scores, self.edges.weights, distances, shift_px, QUALITY_SIGMA_PX))
@@ -208,8 +216,12 @@ class NormalMeasure:
         return robust_loss(self.distances(edges), self.scores, QUALITY_SIGMA_PX, self.outlier)
 
     def agreement(self, sigma_px: float) -> float:
-        """In [0, 1]: mean over the points of the best candidate's score times its nearness, without moving them."""
-        return float((self.scores * np.exp(-0.5 * (self.targets / sigma_px) ** 2)).max(1).mean())
+        """In [0, 1]: mean over the points of the best candidate's score times its nearness, without moving them.
+
+        Of points beyond the image nothing can be found, and that says nothing against the estimate.
+        """
+        found = (self.scores * np.exp(-0.5 * (self.targets / sigma_px) ** 2)).max(1)
+        return min(float(found.mean()) / self.shown(self.edges), 1.0)
 
     def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> NormalJudgement:
         """What the candidates say about the level's points where its motion put them."""
@@ -368,8 +380,8 @@ class NormalJudgement:
 
     @cached_property
     def quality(self) -> float:
-        """In [0, 1]: mean over the points of `found`; 0 without points."""
-        return float(self.found.mean()) if len(self.found) else 0.0
+        """In [0, 1]: mean of `found` over the points that the image can show; 0 without points."""
+        return min(float(self.found.mean()) / self._shown, 1.0) if len(self.found) else 0.0
 
     @cached_property
     def score(self) -> float:
@@ -379,13 +391,19 @@ class NormalJudgement:
 
     @cached_property
     def _plain_quality(self) -> float:
-        return self.measure.plain_quality(self.distances)
+        return self._plain_quality_beside(0.0)
+
+    def _plain_quality_beside(self, shift_px: float) -> float:
+        return self.measure.plain_quality(self.distances, shift_px) / self._shown
+
+    @cached_property
+    def _shown(self) -> float:
+        return self.measure.shown(self.edges)
 
     @cached_property
     def contrast(self) -> float:
         """In [-1, 1]: how many more image edges are at the points than beside them, whatever the memory says."""
-        quality_of, distances = self.measure.plain_quality, self.distances
-        beside = 0.5 * (quality_of(distances, _BESIDE_PX) + quality_of(distances, -_BESIDE_PX))
+        beside = 0.5 * (self._plain_quality_beside(_BESIDE_PX) + self._plain_quality_beside(-_BESIDE_PX))
         return self._plain_quality - beside
 
     def learn(self, trusted: bool) -> None:

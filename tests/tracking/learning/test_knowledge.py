@@ -194,18 +194,6 @@ def test_a_solved_frame_teaches_look_and_reliability(broken: PreparedPart, edges
     assert (other.reliability.weights(edges.sample_ids, edges.outline) < before).all()
 
 
-def test_which_edges_lie_in_the_image_is_that_of_a_slow_twin(
-    broken: PreparedPart, edges: GeneratedEdges, at: Estimate, rng: np.random.Generator
-) -> None:
-    right, bottom = at.view.camera.width - 1.0, at.view.camera.height - 1.0
-    points = rng.uniform((-0.5 * right, -0.5 * bottom), (1.5 * right, 1.5 * bottom), edges.points.shape)
-    points[:4] = (0.0, 0.0), (right, bottom), (np.nextafter(right, np.inf), 0.0), (0.0, np.nan)
-    seen = matches(SampleKnowledge(ALL, broken), replace(edges, points=points), at)
-    expected = ((points >= 0.0) & (points <= (right, bottom))).all(1)
-    np.testing.assert_array_equal(seen.in_image, expected)
-    assert expected[:4].tolist() == [True, True, False, False]
-
-
 def test_what_the_chosen_edges_say_is_that_of_their_columns(
     broken: PreparedPart, edges: GeneratedEdges, at: Estimate, rng: np.random.Generator
 ) -> None:

@@ -269,6 +269,45 @@ def test_an_estimate_is_judged_by_its_best_candidates(
     assert qualities[0] > qualities[1] > qualities[2]
 
 
+def cropped(at: Estimate, x: int) -> Estimate:
+    """The same pose in the picture without its first x columns."""
+    assert isinstance(at.view, FrameView)
+    camera = CAMERA.cropped(x, 0, CAMERA.width - x, CAMERA.height)
+    box = crop_box(box_corners(at.view.part), at.cam_T_obj, camera, 32.0)
+    assert box is not None
+    image = np.ascontiguousarray(at.view.image[:, x:])
+    return prior_of(replace(at.view, camera=camera, image=image, box=box, edge_box=box))
+
+
+def test_what_lies_beyond_the_image_does_not_count(
+    source: RigidSource, edges: GeneratedEdges, at: Estimate, model: PreparedPart
+) -> None:
+    """A part that is cut by the image's border fits as well as the whole one: the image shows nothing of the rest."""
+    whole = target_of(at, NormalSearch(), SampleKnowledge(Off(), model)).search(edges, at, LEVEL)
+    judged = whole.judge(edges, edges, at)
+    half_out = cropped(at, int(np.median(edges.points[:, 0])))
+    drawn = source.reproject(half_out, edges)
+    inside = drawn.points[:, 0] >= 0.0
+    assert 0.4 < inside.mean() < 0.6
+    cut = target_of(half_out, NormalSearch(), SampleKnowledge(Off(), model)).search(drawn, half_out, LEVEL)
+    cut_judged = cut.judge(drawn, drawn, half_out)
+    assert cut_judged.quality == pytest.approx(cut_judged.found.sum() / inside.sum())
+    for name in ("quality", "score", "contrast"):
+        assert getattr(cut_judged, name) == pytest.approx(getattr(judged, name), abs=0.1), name
+    assert cut.agreement(2.0) == pytest.approx(whole.agreement(2.0), abs=0.1)
+
+
+def test_a_pose_that_leads_out_of_the_image_does_not_fit_by_what_is_left(
+    source: RigidSource, edges: GeneratedEdges, at: Estimate, model: PreparedPart
+) -> None:
+    nearly_out = cropped(at, int(np.quantile(edges.points[:, 0], 0.96)))
+    drawn = source.reproject(nearly_out, edges)
+    assert 0.0 < (drawn.points[:, 0] >= 0.0).mean() < 0.06
+    measure = target_of(nearly_out, NormalSearch(), SampleKnowledge(Off(), model)).search(drawn, nearly_out, LEVEL)
+    assert 0.0 < measure.judge(drawn, drawn, nearly_out).quality < 0.25
+    assert 0.0 < measure.agreement(2.0) < 0.25
+
+
 def test_a_share_of_the_score_leaves_out_what_the_memory_says(
     at: Estimate, edges: GeneratedEdges, model: PreparedPart
 ) -> None:
