@@ -21,7 +21,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.in_image import in_image
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
-from acp_lab.geometry.pose import check_rotation, make_pose, transform
+from acp_lab.geometry.pose import check_rotation, make_pose, rotation_angle_deg, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart, Trained
 from acp_lab.prepared_part.trained import RegionReport
@@ -433,7 +433,11 @@ def test_a_long_part_may_come_nearer_than_its_own_length() -> None:
     for index in range(1, 6):
         result = tracker.track(Frame(index, draw([(part, truth[index])], index, camera), camera))
         assert_sound(result)
-        assert add_percent(part, result.cam_T_obj, truth[index]) < 4.0
+        # Both ends lie outside the picture: it does not show where the bar is along itself.
+        off = transform(result.cam_T_obj, part.box_centre) - transform(truth[index], part.box_centre)
+        along = truth[index][:3, 0]
+        assert np.linalg.norm(off - (off @ along) * along) < 2.0
+        assert rotation_angle_deg(result.cam_T_obj[:3, :3], truth[index][:3, :3]) < 1.0
 
 
 def test_a_camera_may_change_from_frame_to_frame(part: Part, model: PreparedPart, sequence: MadeSequence) -> None:
