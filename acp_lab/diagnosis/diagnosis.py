@@ -431,8 +431,8 @@ class _Case:
         points = self.observer.measure(before.image, before.camera, last).points
         if len(points) < 4 or not np.isfinite(expected - start).all():
             return None
-        reach = self.observer.reach_px(after.camera, last)
-        moved = image_motion(before, after, points, expected - start, 5.0 * reach)
+        far_px = self.observer.leap_px(after.camera, last)
+        moved = image_motion(before, after, points, expected - start, far_px)
         return None if moved is None else float(np.linalg.norm(start + moved - expected))
 
     def start(self) -> Finding | None:

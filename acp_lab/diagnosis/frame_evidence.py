@@ -23,6 +23,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.imaging.edge_search import AS_THEY_ARE, image_patch, search_along_normals
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.magnification import Magnification
 from acp_lab.tracking.schedule import PixelSchedule
 
 MOST_POINTS = 800
@@ -155,9 +156,18 @@ class PartObserver:
         return EdgeEvidence(ids[inside], points, normals, scores.max(1), contrasts, sides, rivals, outside, reach)
 
     def reach_px(self, camera: Camera, cam_T_obj: FloatArray) -> int:
-        """How far the tracker's first level searches; less for a part that appears small."""
+        """How far `acp`'s first level searches, in px of the frame; less for a part that appears small."""
+        size_px = self._size_px(camera, cam_T_obj)
+        times = Magnification().times(size_px)
+        return round(PixelSchedule().at(times * size_px)[0].reach_px / times)
+
+    def leap_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:
+        """How far a part may have gone that was not found."""
+        return 5.0 * PixelSchedule().at(self._size_px(camera, cam_T_obj))[0].reach_px
+
+    def _size_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:
         depth = float(transform(cam_T_obj, self.part.box_centre)[2])
-        return PixelSchedule().at(self.part.diameter * camera.fx / max(depth, 1e-6))[0].reach_px
+        return self.part.diameter * camera.fx / max(depth, 1e-6)
 
 
 def _common(ids: IntArray, others: IntArray) -> tuple[IntArray, IntArray]:

@@ -19,10 +19,12 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.hull import hull_corners
+from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.edge_breaks import BrokenEdges, into_material
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView, crop_box
-from acp_lab.tracking.learning.knowledge import SampleKnowledge
+from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge
+from acp_lab.tracking.magnification import MagnifyingGlass
 from acp_lab.tracking.method import Method, Schedule
 from acp_lab.tracking.motions import Motion
 from acp_lab.tracking.pose_descent import pose_level
@@ -46,6 +48,7 @@ class FrameSolver:
     """Solves frames of one prepared part by one method.
 
     knowledge: what was learnt of the part's edge samples so far. records_steps: whether solutions carry their steps.
+    glass: through which frames are looked at; views, their cameras and all px in them are of the magnified image.
     edge_break_mm: how far the real part's edges are broken. control_points_obj: (4, 3) mm per view region 0..5, the
     method's W; those of regions that the method cannot track in are the box's middle section.
     """
@@ -58,6 +61,8 @@ class FrameSolver:
         self.source = method.open_source(model)
         self.control_points_obj = method.control_points_of(model, self.source.regions)
         self.records_steps = False
+        magnification = method.magnification
+        self.glass = MagnifyingGlass(None if isinstance(magnification, Off) else magnification)
         self._model = model
         self._lifter = EdgeLifter(model.part, model.edges)
         self._corners_obj = box_corners(model.part)
@@ -69,9 +74,16 @@ class FrameSolver:
         self.forget()
 
     def forget(self) -> None:
-        """Nothing is known of the edge samples."""
+        """Nothing is known of the edge samples, nor how large the part appears."""
+        self.glass.put_away()
         self.knowledge = SampleKnowledge(self.method.learning, self._model)
         self._memories = tuple(target.memory(self._model) for target in self.method.targets)
+
+    def magnify(self, camera: Camera, cam_T_obj: FloatArray) -> None:
+        """Choose the glass for a frame whose part is expected at a pose (4, 4)."""
+        depth = float(transform(cam_T_obj, self.part.box_centre)[2])
+        if depth > 0.0:
+            self.glass.choose(self.part.diameter * camera.fx / depth)
 
     def natural_region(self, cam_T_obj: FloatArray) -> int:
         """The view region 0..5 that a pose (4, 4) is in, prepared or not."""
@@ -102,9 +114,14 @@ class FrameSolver:
         prior, where these are not the method's. None where the part is not in sight, see `crop_box`.
         """
         margin_px = self.method.margin_px if margin_px is None else margin_px
+        # What is too small in the frame itself is so through any glass.
+        if self.glass.times > 1 and crop_box(self._corners_obj, prior, camera, 0.0) is None:
+            return None
+        camera = self.glass.camera(camera)
         box = crop_box(self._corners_obj, prior, camera, margin_px)
         if box is None:
             return None
+        image = self.glass.image(image, box)
         edge_box = None
         if levels is not None:
             # The less of the image is filtered the better; colours beside the part are read as they are.

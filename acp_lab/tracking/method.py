@@ -9,6 +9,7 @@
     tones       what a sudden change of light does             tones
     prediction  where the next frame starts                    prediction
     sight       how a first glance corrects that               picture
+    magnification  how parts are seen that appear small        magnification
     start       what the first frame does with a given pose    start
     recovery    what happens when a frame fits badly           recovery
     way_back    who looks for a part that is lost              way_back
@@ -39,6 +40,7 @@ from acp_lab.tracking.confidence import EDGES_ALONE, Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning, TargetLearning
+from acp_lab.tracking.magnification import Magnification
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.picture import PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
@@ -93,6 +95,7 @@ class Method:
     tones: ToneMatching | Off = field(default_factory=ToneMatching)
     prediction: PredictionConfig = field(default_factory=KalmanPrediction)
     sight: PictureSearch | Off = field(default_factory=PictureSearch)
+    magnification: Magnification | Off = field(default_factory=Magnification)
     start: TrustedStart | Off = field(default_factory=TrustedStart)
     recovery: SecondTries | Alternatives | Off = field(default_factory=Alternatives)
     way_back: WayBack | Off = field(default_factory=WayBack)
@@ -284,6 +287,7 @@ ACP_PAPER = Method(
     tones=Off(),
     prediction=LastPosePrediction(),
     sight=Off(),
+    magnification=Off(),
     start=Off(),
     recovery=Off(),
     way_back=Off(),
@@ -339,6 +343,7 @@ REGION = Method(
     tones=Off(),
     prediction=LastPosePrediction(),
     sight=Off(),
+    magnification=Off(),
     start=Off(),
     recovery=Off(),
     way_back=Off(),

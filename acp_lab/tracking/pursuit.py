@@ -114,7 +114,7 @@ class Pursuit:
         what all levels find is compared with what the last alone does.
         """
         schedule, short = self.solver.method.schedule, None
-        if isinstance(schedule, PixelSchedule) and self.predictor.is_sure(frame.camera):
+        if isinstance(schedule, PixelSchedule) and self.predictor.is_sure(self.solver.glass.camera(frame.camera)):
             short = self.try_from(frame, self.predicted, clock, schedule.near)
             if self.usual.reached(short, _USUAL):
                 return self.predicted, short

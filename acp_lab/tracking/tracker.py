@@ -27,6 +27,7 @@ from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import LEAST_PART_PX
 from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.magnification import MagnifyingGlass
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.observer import Observer
 from acp_lab.tracking.pursuit import Pursuit
@@ -130,6 +131,7 @@ class Tracker:
         self.solver.records_steps = self.records_steps
         pose = np.array(cam_T_obj, np.float64)
         frame = self._steady(frame, clock)
+        self.solver.magnify(frame.camera, pose)
         self._pursuit.region = self._first_region(pose)
         seen = self._pursuit.look(frame, pose, clock)
         started = None if seen is None else self._begin(frame, seen, clock)
@@ -188,6 +190,7 @@ class Tracker:
             note = f"{frame.reason}; {changed}" if changed else frame.reason
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         frame = self._steady(frame, clock)
+        self.solver.magnify(frame.camera, self.predicted)
         proposals = self._proposals(frame, clock)
         if proposals:
             predicted, solution = self.predicted, self._try(frame, proposals, clock)
@@ -257,12 +260,17 @@ class Tracker:
     def look(self, frame: Frame, prior: FloatArray) -> SeenFrame | None:
         """A frame around the part at a pose (4, 4), as the next `track` would see it; changes nothing.
 
-        None where the part is not in sight, see `crop_box`.
+        In px of the frame, also where `track` would magnify a small part. None where the part is not in sight, see
+        `crop_box`.
         """
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
             frame = self._tones.preview(frame)
-        return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
+        glass, self.solver.glass = self.solver.glass, MagnifyingGlass(None)
+        try:
+            return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
+        finally:
+            self.solver.glass = glass
 
     def _forget(self) -> None:
         self.solver.forget()
@@ -326,6 +334,7 @@ class Tracker:
             return started
         self.solver.forget()
         for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
+            self.solver.magnify(frame.camera, pose)
             seen = look(pose)
             again = None if seen is None else begin(self.solver, look, seen, config, clock)
             if again is not None:
@@ -434,26 +443,26 @@ class Tracker:
         begin_s: float,
         note: str,
     ) -> TrackResult:
-        judgement, covariance = solution.judgement, self._covariance(solution)
+        judgement, covariance, glass = solution.judgement, self._covariance(solution), self.solver.glass
         return TrackResult(
             frame_id=frame.index,
             # Copies: whoever gets the result may change them, to metres say, and the tracker goes on from its own.
             cam_T_obj=solution.cam_T_obj.copy(),
             predicted=predicted.copy(),
-            control_points=solution.estimate.control_points.copy(),
+            control_points=glass.points(solution.estimate.control_points).copy(),
             loss=solution.loss,
             quality=quality,
             state=self._states.state,
             region=self._pursuit.region,
-            edges=judgement.edges,
-            residuals_px=judgement.residuals_px,
+            edges=glass.edges(judgement.edges),
+            residuals_px=glass.lengths(judgement.residuals_px),
             iterations=solution.iterations,
             timings=clock.timings(frame.undistort_s, time.perf_counter() - begin_s),
             note=note,
-            steps=solution.steps,
+            steps=glass.steps(solution.steps),
             covariance=covariance,
             exactness=self._exactness(solution.cam_T_obj, covariance),
-            target=judgement.target_view if self.records_target else None,
+            target=glass.target(judgement.target_view) if self.records_target else None,
             sought=self._sought,
         )
 

@@ -23,8 +23,13 @@ from acp_lab.tracking.learning.knowledge import Off, SampleLearning
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.start import TrustedStart
 
-AS_DRAWN = replace(ACP, learning=SampleLearning(profiles=Off()), start=TrustedStart(bias_in_breaks=1.0))
-"""`acp` for exact poses: profiles expect the edges of metal, which are mostly broken, not sharp edges of flat greys."""
+AS_DRAWN = replace(
+    ACP, learning=SampleLearning(profiles=Off()), start=TrustedStart(bias_in_breaks=1.0), magnification=Off()
+)
+"""`acp` for exact poses: profiles expect the edges of metal, which are mostly broken, not sharp edges of flat greys.
+
+Not magnified, though parts are small here, so that px are those of the frame.
+"""
 CAMERA = Camera(width=200, height=160, fx=320.0, fy=325.0, cx=99.5, cy=79.5)
 FINE = 3
 GAMMA = 1.4

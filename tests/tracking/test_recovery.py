@@ -490,6 +490,7 @@ def test_a_part_that_leapt_farther_is_found_in_the_wide_cloud(
     part: Part, model: PreparedPart, sequence: MadeSequence
 ) -> None:
     step = np.array([0.0, -0.4, 0.0, -50.0, -30.0, 40.0])
-    wide, not_wide = (replace(ACP, sight=Off(), recovery=Alternatives(wide_below=k)) for k in (0.65, 0.0))
+    plain = replace(ACP, sight=Off(), magnification=Off())
+    wide, not_wide = (replace(plain, recovery=Alternatives(wide_below=k)) for k in (0.65, 0.0))
     assert percent_off_after_a_jump(wide, step, part, model, sequence) < 5.0
     assert percent_off_after_a_jump(not_wide, step, part, model, sequence) > 20.0

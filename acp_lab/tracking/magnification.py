@@ -1,0 +1,131 @@
+"""Small parts are looked at through a magnifying glass.
+
+A method's lengths in px (how wide it searches, how it smooths, how its levels narrow) suit a part that appears some
+hundred px long. Of a smaller one, neighbouring edges fall within each other's reach, and the search, which reads
+whole pixels, rounds by much of what it measures. So the image around a small part is enlarged before it is looked at,
+by a whole number of times, and what is reported is in px of the frame again. (Not in the paper, which shows its parts
+large.)
+
+Nothing is seen that the frame does not hold: cubic interpolation (Keys, Cubic convolution interpolation for digital
+image processing, 1981) draws the same light with more pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import cv2
+import numpy as np
+
+from acp_lab.errors import TrackingError
+from acp_lab.generator.base import GeneratedEdges
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.tracking.result import TargetView, TrackStep
+
+# A part that comes and goes about the limit keeps its glass: what is remembered of its edges is of one size.
+_KEEP_BELOW, _KEEP_ABOVE = 0.75, 2.0
+# Around what is looked at, for the interpolation.
+_RIM_PX = 3
+
+
+@dataclass(frozen=True)
+class Magnification:
+    """Configuration: which parts are magnified, and how much.
+
+    Attributes:
+        below_px: parts are magnified whose diameter, at their distance, appears shorter.
+        wanted_px: a magnified part appears at least as long, as far as `most` allows.
+        most: times that a part is magnified at most.
+    """
+
+    kind: ClassVar[str] = "cubic"
+    below_px: float = 120.0
+    wanted_px: float = 165.0
+    most: int = 4
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.below_px <= self.wanted_px <= 1000.0:
+            raise TrackingError(
+                f"magnification.below_px = {self.below_px:g}, wanted_px = {self.wanted_px:g}: give px up to 1000, the "
+                "second no less than the first"
+            )
+        if not 1 <= self.most <= 8:
+            raise TrackingError(f"magnification.most = {self.most}: give 1 to 8")
+
+    def times(self, size_px: float) -> int:
+        """How many times a part is magnified that appears `size_px` long."""
+        if size_px >= self.below_px:
+            return 1
+        return min(max(math.ceil(self.wanted_px / max(size_px, 1e-6)), 1), self.most)
+
+
+class MagnifyingGlass:
+    """How a part is magnified from frame to frame. times: how many times, a whole number; 1 without a glass."""
+
+    def __init__(self, config: Magnification | None) -> None:
+        self._config = config
+        self.put_away()
+
+    def put_away(self) -> None:
+        """Before a new track."""
+        self.times, self._in_use = 1, False
+
+    def choose(self, size_px: float) -> None:
+        """For a part that appears `size_px` long, in px of the frame; the one in use serves as long as it can."""
+        config, shown_px = self._config, self.times * size_px
+        if config is None:
+            return
+        too_large = self.times > 1 and shown_px > _KEEP_ABOVE * config.wanted_px
+        if not self._in_use or too_large or shown_px < _KEEP_BELOW * config.below_px:
+            self.times, self._in_use = config.times(size_px), True
+
+    def camera(self, camera: Camera) -> Camera:
+        """The camera of the magnified image."""
+        return camera if self.times == 1 else camera.enlarged(self.times)
+
+    def image(self, image: ByteImage, box: tuple[int, int, int, int]) -> ByteImage:
+        """An image (h, w, 3), magnified inside a box (x0, y0, x1, y1) px of the magnified one; black elsewhere."""
+        times = self.times
+        if times == 1:
+            return image
+        height, width = image.shape[:2]
+        x0, y0 = (max(low // times - _RIM_PX, 0) for low in box[:2])
+        x1, y1 = (min(high // times + 1 + _RIM_PX, most) for high, most in zip(box[2:], (width, height), strict=True))
+        # Pages of zeros that nobody touches cost nothing.
+        found = np.zeros((times * height, times * width, 3), np.uint8)
+        if x0 < x1 and y0 < y1:
+            size = (times * (x1 - x0), times * (y1 - y0))
+            found[times * y0 : times * y1, times * x0 : times * x1] = cv2.resize(
+                image[y0:y1, x0:x1], size, interpolation=cv2.INTER_CUBIC
+            )
+        return found
+
+    def points(self, points: FloatArray) -> FloatArray:
+        """Points (n, 2) px of the magnified image, in px of the frame."""
+        return points if self.times == 1 else (points + 0.5) / self.times - 0.5
+
+    def lengths(self, lengths_px: FloatArray) -> FloatArray:
+        """(n,) px of the magnified image, in px of the frame."""
+        return lengths_px if self.times == 1 else lengths_px / self.times
+
+    def edges(self, edges: GeneratedEdges) -> GeneratedEdges:
+        """Edge points of the magnified image, in px of the frame."""
+        return edges if self.times == 1 else replace(edges, points=self.points(edges.points))
+
+    def steps(self, steps: tuple[TrackStep, ...]) -> tuple[TrackStep, ...]:
+        """Iterations in the magnified image, in px of the frame; their loss stays."""
+        if self.times == 1:
+            return steps
+        return tuple(replace(step, control_points=self.points(step.control_points)) for step in steps)
+
+    def target(self, target: TargetView) -> TargetView:
+        """What was found in the magnified image, in px of the frame; it has no distance map there."""
+        if self.times == 1:
+            return target
+        (x, y), (width, height), times = target.origin, target.size, self.times
+        return TargetView(
+            self.points(target.edge_points), (x // times, y // times), (-(-width // times), -(-height // times))
+        )

@@ -1,0 +1,150 @@
+"""How small may a part be in the picture?
+
+    python -m benchmarks.part_sizes metal_hard metal_dev own_checking --parts PARTS --split checking --record checking
+
+Each sequence is scaled down until the part's diameter appears as long as it is told here, in the middle frame: its
+length, times the focal length, over its distance. Forwards, from truth and from 5 degrees and 5 mm off, with defaults.
+Sequences whose part is smaller as they are do without.
+
+A frame counts when at least 30% of the part is visible. Said: how likely the tracker calls its poses right, quality
+times exactness. PARTS holds prepared parts, or one folder of them per data set.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from acp_lab.commands.machine import limit_threads
+
+limit_threads(1)  # before NumPy is imported
+
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+
+from acp_lab.errors import TrackingError  # noqa: E402
+from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
+from acp_lab.geometry.camera import Camera  # noqa: E402
+from acp_lab.geometry.pose import disturb_pose, transform  # noqa: E402
+from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
+from acp_lab.sequences.frame import Frame  # noqa: E402
+from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.tracker import Tracker  # noqa: E402
+from benchmarks import measured  # noqa: E402
+from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
+from benchmarks.runs import LOST, STARTS, part_name, prepared_part_of, visible_frames  # noqa: E402
+
+SIZES_PX = (120, 90, 70, 50, 35)
+UNIT = {
+    "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5% of the diameter, mean over runs",
+    "lost": "runs in which ADD was ever above 30%",
+    "runs": "runs",
+    "said": "mean of what the tracker says how likely a pose is right, which is below 5%",
+}
+
+
+@dataclass(frozen=True)
+class SizedRun:
+    """A run, the first frame left out: of the frames that count, ADD(-S) as a share of the diameter, and what was said.
+
+    errors: infinite throughout for a start that is refused.
+    """
+
+    size_px: int
+    start: str
+    errors: np.ndarray
+    said: np.ndarray
+
+
+def main() -> None:
+    """See the module."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("datasets", nargs="+", type=Path)
+    parser.add_argument("--parts", type=Path, required=True)
+    parser.add_argument("--method", default="acp")
+    parser.add_argument("--split", choices=SPLITS, default="all")
+    parser.add_argument("--record", metavar="KEY")
+    args = parser.parse_args()
+    runs: list[SizedRun] = []
+    for root in args.datasets:
+        for scene_id in BopDataset(root).scenes():
+            scene = BopDataset(root).open_scene(scene_id)
+            if is_in_split(part_name(root, scene.object_ids[0]), args.split):
+                new = list(_runs(scene, args.parts, method_named(args.method)))
+                told = [f"{run.size_px} px, {run.start}: median {100 * np.median(run.errors):.1f}%" for run in new]
+                print(root.name, scene_id, *told, sep="  ", flush=True)
+                runs += new
+    groups = {
+        (size, start): [r for r in runs if (r.size_px, r.start) == (size, start)]
+        for size in SIZES_PX
+        for start in ("truth", "5")
+    }
+    values = {f"{size} px, {start}": _row(members) for (size, start), members in groups.items() if members}
+    for name, row in values.items():
+        print(name, row)
+    if args.record:
+        about = (
+            f"parts that are small in the picture; tracker {args.method}, defaults, forwards, parts for {args.split}"
+        )
+        names = ", ".join(root.name for root in args.datasets)
+        measured.record(f"part_sizes.{args.record}", about, UNIT, names, values)
+
+
+def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[SizedRun]:
+    object_id = scene.object_ids[0]
+    model = prepared_part_of(scene, parts)
+    metric = PartMetric(model.part)
+    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    truths = {f.index: truth for f in frames if (truth := scene.truth(f.index, object_id)) is not None}
+    counts = visible_frames(scene.folder, object_id, truths)
+    frames = [frame for frame in frames if frame.index in truths]
+    frames = frames[next(number for number, frame in enumerate(frames) if counts[frame.index]) :]
+    middle = frames[len(frames) // 2]
+    distance = float(transform(truths[middle.index], model.part.box_centre)[2])
+    now_px = model.part.diameter * middle.camera.fx / distance
+    for size_px in SIZES_PX:
+        if size_px > now_px:
+            continue
+        smaller = [scaled(frame, size_px / now_px) for frame in frames]
+        for start in ("truth", "5"):
+            rng = np.random.default_rng([0, scene.scene_id, object_id])
+            pose = disturb_pose(truths[frames[0].index], model.part.box_centre, *STARTS[start], rng)
+            tracker, errors, said = Tracker(model, method), list[float](), list[float]()
+            for number, frame in enumerate(smaller):
+                try:
+                    result = tracker.track(frame) if number else tracker.start(frame, pose)
+                except TrackingError:  # the start is refused
+                    count = sum(counts[frame.index] for frame in smaller[1:])
+                    errors, said = [np.inf] * count, [0.0] * count
+                    break
+                if number and counts[frame.index]:
+                    errors.append(metric.share(result.cam_T_obj, truths[frame.index]))
+                    said.append(result.right)
+            yield SizedRun(size_px, start, np.array(errors), np.array(said))
+
+
+def scaled(frame: Frame, scale: float) -> Frame:
+    """A frame with `scale` times as many pixels in each direction, at most 1: each is the mean of what it covers."""
+    camera = frame.camera
+    width, height = round(scale * camera.width), round(scale * camera.height)
+    across, down = width / camera.width, height / camera.height
+    image = np.asarray(cv2.resize(frame.image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    centre = (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5
+    return replace(frame, image=image, camera=Camera(width, height, camera.fx * across, camera.fy * down, *centre))
+
+
+def _row(runs: list[SizedRun]) -> dict[str, float]:
+    """Of runs of one size and start, as a row of measured numbers."""
+    return {
+        "@2": float(np.mean([(run.errors < 0.02).mean() for run in runs])),
+        "@5": float(np.mean([(run.errors < 0.05).mean() for run in runs])),
+        "lost": sum(bool((run.errors > LOST).any()) for run in runs),
+        "runs": len(runs),
+        "said": float(np.mean([run.said.mean() for run in runs])),
+    }
+
+
+if __name__ == "__main__":
+    main()
