@@ -31,6 +31,7 @@ from acp_lab.geometry.pose import disturb_pose, transform  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.method_file import read_method  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
@@ -63,16 +64,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("datasets", nargs="+", type=Path)
     parser.add_argument("--parts", type=Path, required=True)
-    parser.add_argument("--method", default="acp")
+    parser.add_argument("--method", default="acp", help="a method's name, or a TOML file")
     parser.add_argument("--split", choices=SPLITS, default="all")
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
+    method = read_method(Path(args.method)) if args.method.endswith(".toml") else method_named(args.method)
     runs: list[SizedRun] = []
     for root in args.datasets:
         for scene_id in BopDataset(root).scenes():
             scene = BopDataset(root).open_scene(scene_id)
             if is_in_split(part_name(root, scene.object_ids[0]), args.split):
-                new = list(_runs(scene, args.parts, method_named(args.method)))
+                new = list(_runs(scene, args.parts, method))
                 told = [f"{run.size_px} px, {run.start}: median {100 * np.median(run.errors):.1f}%" for run in new]
                 print(root.name, scene_id, *told, sep="  ", flush=True)
                 runs += new
@@ -86,7 +88,7 @@ def main() -> None:
         print(name, row)
     if args.record:
         about = (
-            f"parts that are small in the picture; tracker {args.method}, defaults, forwards, parts for {args.split}"
+            f"parts that are small in the picture; tracker {method.name}, forwards, parts for {args.split}"
         )
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"part_sizes.{args.record}", about, UNIT, names, values)

@@ -202,7 +202,7 @@ def test_clutter(model: PreparedPart, images: list[ByteImage], truth: list[Float
         changed[ground] = pattern[ground, None].astype(np.uint8)
         cluttered.append(changed)
     # So small a part is searched within few px, where there is room for few other edges.
-    diagnosis = diagnose(track(model, cluttered, truth, PLAIN), -1, config=DiagnosisConfig(rivals=0.5))
+    diagnosis = diagnose(track(model, cluttered, truth, PLAIN), TROUBLE + 1, config=DiagnosisConfig(rivals=0.5))
     assert Cause.CLUTTER in diagnosis.causes
     (finding,) = [finding for finding in diagnosis.findings if finding.cause is Cause.CLUTTER]
     assert "reach_px" in finding.advice
