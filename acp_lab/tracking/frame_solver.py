@@ -114,8 +114,8 @@ class FrameSolver:
         prior, where these are not the method's. None where the part is not in sight, see `crop_box`.
         """
         margin_px = self.method.margin_px if margin_px is None else margin_px
-        # What is too small in the frame itself is so through any glass.
-        if self.glass.times > 1 and crop_box(self._corners_obj, prior, camera, 0.0) is None:
+        # What is too small in the frame itself, or out of its sight, is so through any glass.
+        if self.glass.times > 1 and crop_box(self._corners_obj, prior, camera, margin_px) is None:
             return None
         camera = self.glass.camera(camera)
         box = crop_box(self._corners_obj, prior, camera, margin_px)

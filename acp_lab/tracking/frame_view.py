@@ -204,7 +204,8 @@ def crop_box(points_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, marg
     if x1 < least or y1 < least or x0 > camera.width - least or y0 > camera.height - least:
         return None
     # A part that fills far more than the image is searched inside the image only; keep the numbers small.
-    x0, y0, x1, y1 = (int(min(max(value, -1e4), 1e4)) for value in (x0, y0, x1, y1))
+    far = max(1e4, 2.0 * max(camera.width, camera.height))
+    x0, y0, x1, y1 = (int(min(max(value, -far), far)) for value in (x0, y0, x1, y1))
     return x0, y0, x1 + 1, y1 + 1
 
 

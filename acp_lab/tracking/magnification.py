@@ -36,8 +36,9 @@ class Magnification:
     """Configuration: which parts are magnified, and how much.
 
     Attributes:
-        below_px: parts are magnified whose diameter, at their distance, appears shorter.
-        wanted_px: a magnified part appears at least as long, as far as `most` allows.
+        below_px: parts are magnified whose diameter, at their distance, appears shorter when they are first seen, or
+            shorter than three quarters of it later.
+        wanted_px: a part appears at least as long when it is first magnified, as far as `most` allows.
         most: times that a part is magnified at most.
     """
 
@@ -52,8 +53,8 @@ class Magnification:
                 f"magnification.below_px = {self.below_px:g}, wanted_px = {self.wanted_px:g}: give px up to 1000, the "
                 "second no less than the first"
             )
-        if not 1 <= self.most <= 8:
-            raise TrackingError(f"magnification.most = {self.most}: give 1 to 8")
+        if not (isinstance(self.most, int) and 1 <= self.most <= 8):
+            raise TrackingError(f"magnification.most = {self.most}: give a whole number from 1 to 8")
 
     def times(self, size_px: float) -> int:
         """How many times a part is magnified that appears `size_px` long."""
@@ -94,7 +95,7 @@ class MagnifyingGlass:
         height, width = image.shape[:2]
         x0, y0 = (max(low // times - _RIM_PX, 0) for low in box[:2])
         x1, y1 = (min(high // times + 1 + _RIM_PX, most) for high, most in zip(box[2:], (width, height), strict=True))
-        # Pages of zeros that nobody touches cost nothing.
+        # Of zeros that nobody touches most systems keep the address alone.
         found = np.zeros((times * height, times * width, 3), np.uint8)
         if x0 < x1 and y0 < y1:
             size = (times * (x1 - x0), times * (y1 - y0))
@@ -126,6 +127,6 @@ class MagnifyingGlass:
         if self.times == 1:
             return target
         (x, y), (width, height), times = target.origin, target.size, self.times
-        return TargetView(
-            self.points(target.edge_points), (x // times, y // times), (-(-width // times), -(-height // times))
-        )
+        origin = x // times, y // times
+        size = -(-(x + width) // times) - origin[0], -(-(y + height) // times) - origin[1]
+        return TargetView(self.points(target.edge_points), origin, size)

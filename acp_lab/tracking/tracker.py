@@ -260,8 +260,8 @@ class Tracker:
     def look(self, frame: Frame, prior: FloatArray) -> SeenFrame | None:
         """A frame around the part at a pose (4, 4), as the next `track` would see it; changes nothing.
 
-        In px of the frame, also where `track` would magnify a small part. None where the part is not in sight, see
-        `crop_box`.
+        But for a small part, which `track` magnifies: here it is seen as it is, in px of the frame. None where the part
+        is not in sight, see `crop_box`.
         """
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
@@ -332,8 +332,8 @@ class Tracker:
         elsewhere = second_opinion(question, self.solver, self._finder(), config, self._quality, clock)
         if elsewhere is None:
             return started
-        self.solver.forget()
         for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
+            self.solver.forget()
             self.solver.magnify(frame.camera, pose)
             seen = look(pose)
             again = None if seen is None else begin(self.solver, look, seen, config, clock)

@@ -14,8 +14,10 @@ from acp_lab.errors import TrackingError
 from acp_lab.evaluation.part_metric import PartMetric
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.magnification import Magnification, MagnifyingGlass
 from acp_lab.tracking.method import ACP, METHODS
@@ -80,6 +82,10 @@ def test_px_of_the_magnified_image_are_px_of_the_frame_again(times: int, rng: np
     target = used.target(TargetView(large, (20 * times, 10 * times), (90 * times, 60 * times)))
     np.testing.assert_allclose(target.edge_points, seen, atol=1e-9)
     assert (target.origin, target.size) == ((20, 10), (90, 60))
+    # All px of the frame of which any part is in it.
+    target = used.target(TargetView(large, (7, 7), (4, 4)))
+    assert target.origin == (7 // times, 7 // times)
+    assert target.size[0] == 10 // times - 7 // times + 1
 
 
 @pytest.mark.parametrize("times", [2, 3, 4])
@@ -107,6 +113,7 @@ def test_the_magnified_image_shows_what_the_frame_shows_where_the_camera_says(ti
         ({"wanted_px": 1e5}, "below_px = 120, wanted_px = 100000"),
         ({"most": 0}, "most = 0"),
         ({"most": 100}, "most = 100"),
+        ({"most": 2.5}, "most = 2.5"),
     ],
 )
 def test_settings_that_magnify_nothing_are_refused(config: dict[str, float], words: str) -> None:
@@ -178,6 +185,39 @@ def test_results_are_in_px_of_the_frame(model: PreparedPart, small: MadeSequence
     last = results[-1]
     assert last.steps
     np.testing.assert_allclose(last.steps[-1].control_points, last.control_points, atol=0.5)
+
+
+def test_a_small_part_far_from_the_corner_of_a_large_image_is_seen(model: PreparedPart, small: MadeSequence) -> None:
+    """Its enlarged image is more than ten thousand px wide."""
+    (frame,) = small.frames(1)
+    assert isinstance(frame, Frame)
+    height, width = frame.image.shape[:2]
+    image = np.full((2900, 3300, 3), 45, np.uint8)
+    image[2700 : 2700 + height, 3050 : 3050 + width] = frame.image
+    camera = replace(CAMERA, width=3300, height=2900, cx=CAMERA.cx + 3050, cy=CAMERA.cy + 2700)
+    tracker = Tracker(model, MAGNIFIED)
+    assert tracker.start(Frame(0, image, camera), small.first_pose).quality > 0.9
+    assert tracker.solver.glass.times >= 3
+
+
+def test_a_small_part_is_looked_for_as_far_out_as_without_a_glass(part: Part, model: PreparedPart) -> None:
+    """Up to the margin beyond the border: it may come back."""
+    start = looking_at(part, np.array([0.8, 0.6, 1.0]), 480.0, 0.3)
+    seen = {}
+    for method in (AS_DRAWN, MAGNIFIED):
+        solver = FrameSolver(model, method)
+        solver.magnify(CAMERA, start)
+        image = np.full((CAMERA.height, CAMERA.width, 3), 45, np.uint8)
+        poses_mm = [
+            move_pose(start, part.box_centre, np.array([0, 0, 0, x, 0, 0])) for x in np.arange(100.0, 320.0, 3.0)
+        ]
+        seen[method.magnification.kind] = [
+            solver.look(image, CAMERA, pose, solver.choose_region(pose)) is not None for pose in poses_mm
+        ]
+    assert 0 < sum(seen["off"]) < len(seen["off"])
+    # The margin is one of px of the enlarged image.
+    assert sum(seen["cubic"]) >= 0.7 * sum(seen["off"])
+    assert not any(there for there, plain in zip(seen["cubic"], seen["off"], strict=True) if not plain)
 
 
 def test_looking_is_in_px_of_the_frame(model: PreparedPart, small: MadeSequence) -> None:
