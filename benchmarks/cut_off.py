@@ -3,10 +3,10 @@
     python -m benchmarks.cut_off metal_hard metal_dev own_checking --parts out/parts --split checking --record checking
 
 Of each picture only a box is left, whose border crosses the part, from the left, the right, the top or the bottom,
-scene by scene in turn. "staying": the same box in all frames, chosen so that in half of them 40% of the silhouette or
-more lies beyond it, and in none more than 65%. "passing": a border that comes in until 60% lies beyond it, in the
-middle of the sequence, and goes out again. Forwards and backwards, from truth and from 5 degrees and 5 mm off, with
-defaults.
+scene by scene in turn. "staying": the same box in all frames, chosen so that 40% of the silhouette lies beyond it in
+the median of them, or as much as leaves none with more than 65% beyond it. "passing": a border that comes in until 60%
+lies beyond it, in the middle of the sequence, and goes out again. Forwards and backwards, from truth and from 5 degrees
+and 5 mm off, with defaults.
 
 A frame counts when at least 30% of the part is in sight, by its visible share in the whole picture and by the share of
 its silhouette in the box. Deep: less than 60% of the silhouette is in the box. PARTS holds prepared parts, or one

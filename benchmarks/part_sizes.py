@@ -26,7 +26,6 @@ import numpy as np  # noqa: E402
 
 from acp_lab.errors import TrackingError  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
-from acp_lab.geometry.camera import Camera  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose, transform  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
@@ -87,9 +86,7 @@ def main() -> None:
     for name, row in values.items():
         print(name, row)
     if args.record:
-        about = (
-            f"parts that are small in the picture; tracker {method.name}, forwards, parts for {args.split}"
-        )
+        about = f"parts that are small in the picture; tracker {method.name}, forwards, parts for {args.split}"
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"part_sizes.{args.record}", about, UNIT, names, values)
 
@@ -129,12 +126,9 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[SizedRun]:
 
 def scaled(frame: Frame, scale: float) -> Frame:
     """A frame with `scale` times as many pixels in each direction, at most 1: each is the mean of what it covers."""
-    camera = frame.camera
-    width, height = round(scale * camera.width), round(scale * camera.height)
-    across, down = width / camera.width, height / camera.height
-    image = np.asarray(cv2.resize(frame.image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-    centre = (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5
-    return replace(frame, image=image, camera=Camera(width, height, camera.fx * across, camera.fy * down, *centre))
+    size = round(scale * frame.camera.width), round(scale * frame.camera.height)
+    image = np.asarray(cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return replace(frame, image=image, camera=frame.camera.resized(*size))
 
 
 def _row(runs: list[SizedRun]) -> dict[str, float]:

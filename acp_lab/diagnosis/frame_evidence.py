@@ -162,7 +162,7 @@ class PartObserver:
         return round(PixelSchedule().at(times * size_px)[0].reach_px / times)
 
     def leap_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:
-        """How far a part may have gone that was not found."""
+        """How far a part may have gone that was not found, px of the frame: five times a first level's reach."""
         return 5.0 * PixelSchedule().at(self._size_px(camera, cam_T_obj))[0].reach_px
 
     def _size_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:

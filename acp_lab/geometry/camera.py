@@ -190,10 +190,11 @@ class Camera:
         fx, fy, cx, cy = 0.5 * self.fx, 0.5 * self.fy, 0.5 * self.cx - 0.25, 0.5 * self.cy - 0.25
         return Camera(self.width // 2, self.height // 2, fx, fy, cx, cy)
 
-    def enlarged(self, times: int) -> Camera:
-        """The camera of the image with `times` as many pixels in each direction."""
-        centre = (self.cx + 0.5) * times - 0.5, (self.cy + 0.5) * times - 0.5
-        return Camera(times * self.width, times * self.height, times * self.fx, times * self.fy, *centre)
+    def resized(self, width: int, height: int) -> Camera:
+        """The camera of the image drawn with other numbers of pixels (px); its pinhole part only."""
+        across, down = width / self.width, height / self.height
+        centre = (self.cx + 0.5) * across - 0.5, (self.cy + 0.5) * down - 0.5
+        return Camera(width, height, self.fx * across, self.fy * down, *centre)
 
     def project(self, points_cam: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points (n, 3) in mm, camera frame; pinhole part only.

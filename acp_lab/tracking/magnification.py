@@ -1,7 +1,7 @@
 """Small parts are looked at through a magnifying glass.
 
 A method's lengths in px (how wide it searches, how it smooths, how its levels narrow) suit a part that appears some
-hundred px long. Of a smaller one, neighbouring edges fall within each other's reach, and the search, which reads
+two hundred px long. Of a smaller one, neighbouring edges fall within each other's reach, and the search, which reads
 whole pixels, rounds by much of what it measures. So the image around a small part is enlarged before it is looked at,
 by a whole number of times, and what is reported is in px of the frame again. (Not in the paper, which shows its parts
 large.)
@@ -85,7 +85,8 @@ class MagnifyingGlass:
 
     def camera(self, camera: Camera) -> Camera:
         """The camera of the magnified image."""
-        return camera if self.times == 1 else camera.enlarged(self.times)
+        times = self.times
+        return camera if times == 1 else camera.resized(times * camera.width, times * camera.height)
 
     def image(self, image: ByteImage, box: tuple[int, int, int, int]) -> ByteImage:
         """An image (h, w, 3), magnified inside a box (x0, y0, x1, y1) px of the magnified one; black elsewhere."""
