@@ -247,7 +247,10 @@ def detect(
     top: Annotated[int, typer.Option(min=1, help="Hypotheses per frame and object, at most.", metavar="K")] = 3,
     depth_mm: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="Nearest and farthest distance of the part; 250 to 1200 mm.", metavar="MIN MAX"),
+        typer.Option(
+            help="Nearest and farthest distance in mm; 250 to 1200, and more for very small or large parts.",
+            metavar="MIN MAX",
+        ),
     ] = None,
     camera: Annotated[
         Path | None, typer.Option(help="With images or a video: their camera.", metavar="CAMERA.json")

@@ -1,6 +1,7 @@
 """The way back of a part that was hidden or that left: how often it is found again, and how soon.
 
     python -m benchmarks.recovery metal_public metal_dev --parts out/parts --record dev
+    python -m benchmarks.recovery metal_public metal_dev --parts out/parts --size-px 60 --record small
 
 Frames go forwards and backwards over a scene as often as needed. In the middle the part is covered by a board, plain
 or with the picture of another place of the image, for 1, 5, 10 or 30 frames, while it moves on. In "jump" the sequence
@@ -11,6 +12,7 @@ defaults.
 A run is back when, from a frame within 10 of the end of the cover on, the state is tracking and ADD below 10% of the
 diameter for five frames. Runs whose part comes back beyond 60 px or 20 degrees of where it was last seen have 60
 frames, and make up the row "elsewhere". False: the longest row of frames with state tracking and ADD above 30%.
+With --size-px frames are scaled down until the part appears so long in the middle one; "near" stays as it is.
 PARTS holds prepared parts, or one folder of them per data set. Times are CPU ms, of each frame the shorter of two
 runs; those of tracked frames say how busy the machine was.
 """
@@ -44,6 +46,7 @@ from acp_lab.tracking.result import TrackState  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import covered  # noqa: E402
+from benchmarks.part_sizes import appears_px, scaled  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
 
@@ -112,6 +115,7 @@ def main() -> None:
     parser.add_argument("--method", default="acp", help="a method's name, or a TOML file")
     parser.add_argument("--kinds", default=",".join(HIDDEN))
     parser.add_argument("--split", choices=SPLITS, default="all", help="which half of the parts")
+    parser.add_argument("--size-px", type=float)
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
     method = read_method(Path(args.method)) if args.method.endswith(".toml") else method_named(args.method)
@@ -122,7 +126,7 @@ def main() -> None:
             if not is_in_split(part_name(root, scene.object_ids[0]), args.split):
                 continue
             with short_collections():
-                new = list(_returns(scene, args.parts, method, args.kinds.split(",")))
+                new = list(_returns(scene, args.parts, method, args.kinds.split(","), args.size_px))
             print(root.name, scene_id, *(_told(one) for one in new), sep="  ", flush=True)
             returns += new
     rows = sorted({one.row for one in returns}, key=[*HIDDEN, "elsewhere"].index)
@@ -131,17 +135,21 @@ def main() -> None:
         print(kind, row)
     if args.record:
         about = "runs in which the part was covered, and came back; tracker acp, defaults, from truth"
+        about += "" if args.size_px is None else f"; frames scaled until the part appears {args.size_px:g} px long"
         names = ", ".join(root.name for root in args.datasets) + ("" if args.split == "all" else f" ({args.split})")
         measured.record(f"recovery.{args.record}", about, UNIT, names, values)
 
 
-def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str]) -> Iterator[Return]:
+def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str], size_px: float | None) -> Iterator[Return]:
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric = PartMetric(model.part, 500)
     frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
     truths = [scene.truth(frame.index, object_id) for frame in frames]
     known = [(f, t) for f, t in zip(frames, truths, strict=True) if t is not None]
+    if size_px is not None:
+        scale = min(size_px / appears_px(known[len(known) // 2][0], model.part, known[len(known) // 2][1]), 1.0)
+        known = [(scaled(frame, scale), truth) for frame, truth in known]
     for number, kind in enumerate(kinds):
         walk = _walk(kind, known, model)
         if walk is not None:

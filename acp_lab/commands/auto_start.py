@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from acp_lab.commands import console, interrupt
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
 from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.protocol import Sequence
 
 FRAMES_TO_TRY = 30
@@ -28,17 +30,17 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
     Raises:
         SequenceError: an object is found in none of them.
     """
-    from acp_lab.detection.config import DetectionConfig
     from acp_lab.tracking.find import Finder
     from acp_lab.tracking.first_pose import FirstPose
 
     missing = {object_id: FirstPose(Finder(model)) for object_id, model in models.items()}
     starts = list[FoundStart]()
-    frames = 0
+    frames, camera = 0, None  # of the last image that could be read
     for frame in sequence.frames(FRAMES_TO_TRY):
         if not missing:
             break
         frames += 1
+        camera = frame.camera if isinstance(frame, Frame) else camera
         interrupt.check()
         looked = {object_id: search.look(frame) for object_id, search in missing.items()}
         poses = {object_id: pose for object_id, pose in looked.items() if pose is not None}
@@ -47,14 +49,22 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
             console.note(f"scene {sequence.scene_id}: found in image {frame.index}: object {_listed(poses)}")
         missing = {object_id: search for object_id, search in missing.items() if object_id not in poses}
     if missing:
-        near, far = DetectionConfig().depth_mm
+        # All of them were looked for at these distances.
+        nearest, farthest = zip(*(_depths_mm(models[one], camera) for one in missing), strict=True)
+        near, far = max(nearest), min(farthest)
         raise SequenceError(
             f"--init auto: object {_listed(missing)} is not found in the first {frames} frames of {sequence.name}, "
-            f"{near:g} to {far:g} mm from the camera: give start poses by --init, a results file or for a video a "
+            f"{near:.0f} to {far:.0f} mm from the camera: give start poses by --init, a results file or for a video a "
             "POSE.json, which notebook 10 sets with the mouse, or look at what acp-lab detect finds, elsewhere by "
             "--depth-mm"
         )
     return starts
+
+
+def _depths_mm(model: PreparedPart, camera: Camera | None) -> tuple[float, float]:
+    from acp_lab.detection.config import USUAL_DEPTHS_MM, usual_depths_mm
+
+    return USUAL_DEPTHS_MM if camera is None else usual_depths_mm(model.part.diameter, camera)
 
 
 def _listed(ids: Mapping[int, object]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import log
 
@@ -12,12 +12,12 @@ import trimesh
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.control_points.canonical_frame import eye_position
-from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.config import USUAL_DEPTHS_MM, DetectionConfig, usual_depths_mm
 from acp_lab.detection.edge_maps import removing_specks
 from acp_lab.detection.evidence import Evidence, Witness
 from acp_lab.detection.pose_prior import PosePrior, rotation_from_axis
 from acp_lab.detection.pose_search import ROUNDS, DistanceMaps, Poses, distinct, joined, search_round
-from acp_lab.detection.scan import Candidates, scan
+from acp_lab.detection.scan import Candidates, depth_levels, scan
 from acp_lab.detection.view_templates import Templates, Views, make_templates, make_views
 from acp_lab.detection.work import Steps, finish
 from acp_lab.generator.base import RigidGenerator
@@ -29,7 +29,7 @@ EVIDENCE_WORK, START_WORK = 2500.0, 2.0
 """Of a pose, see `work`."""
 # Half the distance of neighbouring views and turns of the scan; how far a pose search strays from where it starts.
 _SCAN_SLACK_DEG, _SEARCH_SLACK_DEG = 12.0, 25.0
-_LEAST_SHARE, _SHARE_NEARBY, _FEWEST_VERIFIED = 0.01, 0.3, 6
+_SHARE_NEARBY = 0.3
 _LEAST_WINDOW_PX, _STARTS_AT_ONCE = 48, 1000
 
 
@@ -106,12 +106,29 @@ class Detector:
         """Candidates in an undistorted image (h, w, 3) RGB, near a prior if one is given; none is an answer."""
         return finish(self.search(image, camera, prior))
 
-    def search(self, image: ByteImage, camera: Camera, prior: PosePrior | None = None) -> Steps[Look]:
-        """`candidates`, in slices."""
-        config, diameter = self.config, self.part.diameter
+    def depths(self, camera: Camera) -> FloatArray:
+        """(n,) mm, ascending: the distances at which the part is looked for in a camera's images, without a prior."""
+        return depth_levels(self.config.depth_mm or usual_depths_mm(self.part.diameter, camera), self.config.depth_step)
+
+    def search(
+        self,
+        image: ByteImage,
+        camera: Camera,
+        prior: PosePrior | None = None,
+        depths: FloatArray | None = None,
+        share: float = 1.0,
+    ) -> Steps[Look]:
+        """`candidates`, in slices.
+
+        depths, share: without a prior, at which distances (n,) mm the part is looked for in this image, and how many of
+        all candidates are theirs.
+        """
+        config, diameter = self.config.sharing(share), self.part.diameter
+        depths = self.depths(camera) if depths is None else depths
         templates, groups, views = self.templates, self.groups, self.fine_views
         if prior is not None:
-            config = self._narrowed(prior)
+            depth_mm = prior.depth_mm(self.part.box_centre)
+            config, depths = self._narrowed(prior), depth_levels(depth_mm, self.config.depth_step)
             near = prior.allows(self._template_rotations, self.part.box_centre, self._turns, _SCAN_SLACK_DEG)
             templates, groups, views = templates.take(near), groups[near], self._views_near(prior)
             image, camera = self._window(image, camera, prior)
@@ -120,7 +137,7 @@ class Detector:
         witness = Witness(self.part, self.generator, self._caster, maps)
         if not len(templates) or not len(views):
             return Look((), witness)
-        scanned = yield from scan(image, camera, diameter, templates, groups, config)
+        scanned = yield from scan(image, camera, diameter, templates, groups, depths, config)
         started = []
         for first in range(0, max(len(scanned), 1), _STARTS_AT_ONCE):
             some = scanned.take(slice(first, first + _STARTS_AT_ONCE))
@@ -136,21 +153,14 @@ class Detector:
         return Look(tuple(sorted(found, key=lambda candidate: -candidate.score)), witness)
 
     def _narrowed(self, prior: PosePrior) -> DetectionConfig:
-        """With the prior's depths, and as many candidates as its share of all poses asks for."""
-        config, depth_mm = self.config, prior.depth_mm(self.part.box_centre)
-        everywhere = log(config.depth_mm[1] / config.depth_mm[0])
+        """With as many candidates as the prior's share of all poses asks for."""
+        nearest, farthest = self.config.depth_mm or USUAL_DEPTHS_MM
+        everywhere = log(farthest / nearest)
         share = log(prior.depth_ratio**2) / everywhere if everywhere else 1.0
         share *= min(1.0, 2.0 * prior.within_deg / 180.0)
         if prior.around_px is not None:
             share *= _SHARE_NEARBY
-        share = min(max(share, _LEAST_SHARE), 1.0)
-        return replace(
-            config,
-            depth_mm=depth_mm,
-            starts=round(share * config.starts),
-            kept=tuple(round(share * kept) for kept in config.kept),
-            verified=max(round(share * config.verified), _FEWEST_VERIFIED),
-        )
+        return self.config.sharing(share)
 
     @cached_property
     def _template_rotations(self) -> FloatArray:

@@ -62,22 +62,28 @@ class Candidates:
         return Candidates(self.scores[rows], self.templates[rows], self.centres[rows], self.depths[rows])
 
 
-def depth_levels(config: DetectionConfig) -> FloatArray:
-    """Depths (mm) of the pyramid's levels: equal ratios that cover the range."""
-    near, far = config.depth_mm
-    count = max(1, int(np.ceil(np.log(far / near) / np.log(config.depth_step))))
+def depth_levels(depth_mm: tuple[float, float], step: float) -> FloatArray:
+    """(n,) mm, the pyramid's levels: equal ratios, none above a step, that cover the nearest to the farthest depth."""
+    near, far = depth_mm
+    count = max(1, int(np.ceil(np.log(far / near) / np.log(step))))
     return near * (far / near) ** ((np.arange(count) + 0.5) / count)
 
 
 def scan(
-    image: ByteImage, camera: Camera, diameter: float, templates: Templates, groups: IntArray, config: DetectionConfig
+    image: ByteImage,
+    camera: Camera,
+    diameter: float,
+    templates: Templates,
+    groups: IntArray,
+    depths: FloatArray,
+    config: DetectionConfig,
 ) -> Steps[Candidates]:
     """Candidates of an image (h, w, 3) from all levels.
 
-    groups: (t,) 0 to GROUPS - 1, of each template.
+    groups: (t,) 0 to GROUPS - 1, of each template. depths: (n,) mm, of the levels.
     """
     found = []
-    for depth in depth_levels(config):
+    for depth in depths:
         scale = config.scan_px * depth / (0.5 * (camera.fx + camera.fy) * diameter)
         if scale > LARGEST_SCALE:
             continue

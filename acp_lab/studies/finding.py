@@ -200,12 +200,16 @@ class Stage:
 
 
 def find_stages(finder: Finder, frame: Frame, cam_T_true: FloatArray, top: int = 8) -> tuple[Stage, ...]:
-    """The lists of all stages, from the scan to what `Finder.find` returns, each with its errors from the truth."""
+    """The lists of all stages, from the scan to what `Finder.find` returns, each with its errors from the truth.
+
+    Of the frame as it is: where a part would appear small `Finder.find` looks at a magnified one, too.
+    """
     detector = finder.detector
     part, config = detector.part, detector.config
     image = without_specks(frame.image)
     maps = DistanceMaps(image, frame.camera, part.diameter, config)
-    scanned = finish(scan(image, frame.camera, part.diameter, detector.templates, detector.groups, config))
+    depths = detector.depths(frame.camera)
+    scanned = finish(scan(image, frame.camera, part.diameter, detector.templates, detector.groups, depths, config))
     poses = start_poses(scanned, detector.templates, detector.views, frame.camera)
     lists = [("scan", _matrices(poses, part))]
     for number, (how, most) in enumerate(zip(ROUNDS, (*config.kept, config.verified), strict=True), start=1):

@@ -14,16 +14,18 @@ import numpy as np
 
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.detection.config import DetectionConfig
-from acp_lab.detection.detector import Candidate, Detector, judging
+from acp_lab.detection.detector import Candidate, Detector, Look, judging
 from acp_lab.detection.edge_maps import RESIZE_WORK
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Steps, finish
 from acp_lab.errors import check_kind
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, check_frame
 from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.magnification import Magnification, MagnifyingGlass
 from acp_lab.tracking.method import method_named
 from acp_lab.tracking.search import WIDE_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -34,6 +36,7 @@ ALIGNED, ALIGNED_NEAR = 12, 4
 LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
 """Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
 _RIVALS = 8
+_MAGNIFICATION, _MOST_PIXELS = Magnification(), 6_000_000
 _MARGIN_PX = 40.0
 _LARGE_PX = 250.0
 """A part that appears more than twice as large is aligned in a halved image: time stays bounded."""
@@ -59,8 +62,31 @@ class Detection:
         return self.score >= ACCEPTED
 
 
+@dataclass(frozen=True, eq=False)
+class _Looked:
+    """What the detector made of one image of a frame.
+
+    look: candidates and a witness. halves: the image, and it halved once, twice and so on; more are added as they are
+    needed. farthest_mm: up to which distance the part was looked for. times: that the frame is magnified.
+    """
+
+    look: Look
+    halves: list[Frame]
+    farthest_mm: float
+    times: int
+
+    def in_frame(self, candidate: Candidate) -> Candidate:
+        """A candidate, as long as it appears in the frame: a magnified part tells no more than it did."""
+        evidence = candidate.evidence
+        return replace(candidate, evidence=replace(evidence, size_px=evidence.size_px / self.times))
+
+
 class Finder:
-    """Finds one prepared part in frames."""
+    """Finds one prepared part in frames.
+
+    Where it would appear small the image is magnified: specks are taken out of it whatever they are part of, and
+    candidates are compared at one size.
+    """
 
     def __init__(self, model: PreparedPart, config: DetectionConfig | None = None) -> None:
         """PreparationError when the part has neither templates nor visibility networks."""
@@ -101,22 +127,69 @@ class Finder:
         """
         if aligned_most is None:
             aligned_most = ALIGNED if prior is None else ALIGNED_NEAR
-        look = yield from self.detector.search(frame.image, frame.camera, prior)
-        aligned, halves = list[Candidate](), [frame]
-        for candidate in self._distinct(look.candidates, aligned_most or _RIVALS):
+        looks = yield from (self._looks(frame) if prior is None else self._looks_near(frame, prior))
+        found = [(one.in_frame(candidate), one) for one in looks for candidate in one.look.candidates]
+        found.sort(key=lambda pair: -pair[0].score)
+        seen_in, aligned = {id(candidate): one for candidate, one in found}, list[Candidate]()
+        for candidate in self._distinct((candidate for candidate, _ in found), aligned_most or _RIVALS):
             aligned.append(candidate)
             if aligned_most == 0:
                 continue
-            pose = yield from self._aligning(halves, candidate.cam_T_obj)
+            one = seen_in[id(candidate)]
+            pose = yield from self._aligning(one.halves, candidate.cam_T_obj)
             if pose is not None:
-                aligned += yield from judging(look.witness, pose)
+                judged = yield from judging(one.look.witness, pose)
+                aligned += map(one.in_frame, judged)
         if rival is not None:
-            aligned += yield from judging(look.witness, rival)
+            one = self._look_of(rival, looks)
+            judged = yield from judging(one.look.witness, rival)
+            aligned += map(one.in_frame, judged)
         best = self._distinct(sorted(aligned, key=lambda c: -c.evidence.log_odds), max(top, _RIVALS))
         return tuple(
             Detection(c.cam_T_obj, score, self._view_obj(c.cam_T_obj))
             for c, score in zip(best[:top], shared_scores(best), strict=False)
         )
+
+    def _looks_near(self, frame: Frame, prior: PosePrior) -> Steps[list[_Looked]]:
+        """The one image that a search near a pose is of."""
+        centre_cam = transform(prior.cam_T_obj, self.model.part.box_centre)
+        size_px = self.model.part.diameter * frame.camera.fx / max(float(centre_cam[2]), 1e-6)
+        # Room for the part at the rim of where it may be, and for what its alignment looks at.
+        reach_px = (np.inf if prior.around_px is None else prior.around_px) + 1.5 * prior.depth_ratio * size_px
+        times = min(_MAGNIFICATION.times(size_px), _most_times(frame.camera, reach_px)) if centre_cam[2] > 0.0 else 1
+        box = None
+        if prior.around_px is not None and times > 1:
+            camera, reach_px = MagnifyingGlass.of(times).camera(frame.camera), times * reach_px + _MARGIN_PX
+            x, y = camera.project(centre_cam[None])[0]
+            x0, x1 = (int(np.clip(v, 0, camera.width)) for v in (x - reach_px, x + reach_px))
+            y0, y1 = (int(np.clip(v, 0, camera.height)) for v in (y - reach_px, y + reach_px))
+            prior, box = replace(prior, around_px=times * prior.around_px), (x0, y0, x1, y1)
+        image = yield from _magnifying(frame, MagnifyingGlass.of(times), box)
+        look = yield from self.detector.search(image.image, image.camera, prior)
+        return [_Looked(look, [image], np.inf, times)]
+
+    def _looks(self, frame: Frame) -> Steps[list[_Looked]]:
+        """The images of a search everywhere: the frame, and magnified twice and so on for a part farther away."""
+        depths = self.detector.depths(frame.camera)
+        limit_mm = self.model.part.diameter * frame.camera.fx / _MAGNIFICATION.below_px
+        most = min(_MAGNIFICATION.most, _most_times(frame.camera))
+        looks = list[_Looked]()
+        times, near = 1, 0.0
+        while times <= most:
+            far = times * limit_mm if 2 * times <= most else np.inf
+            levels = depths[(depths > near) & (depths <= far)]
+            if len(levels):
+                image = yield from _magnifying(frame, MagnifyingGlass.of(times))
+                share = len(levels) / len(depths)
+                look = yield from self.detector.search(image.image, image.camera, depths=levels, share=share)
+                looks.append(_Looked(look, [image], far, times))
+            times, near = 2 * times, far
+        return looks
+
+    def _look_of(self, cam_T_obj: FloatArray, looks: Sequence[_Looked]) -> _Looked:
+        """That in which a pose (4, 4) is looked for."""
+        depth = transform(cam_T_obj, self.model.part.box_centre)[2]
+        return next((one for one in looks if depth <= one.farthest_mm), looks[-1])
 
     def _view_obj(self, cam_T_obj: FloatArray) -> FloatArray:
         eye: FloatArray = eye_position(cam_T_obj) - self.model.part.box_centre
@@ -125,7 +198,7 @@ class Finder:
     def _aligning(self, halves: list[Frame], pose: FloatArray) -> Steps[FloatArray | None]:
         """The pose that the tracker's solver makes of one; None where it left the part or saw too little.
 
-        halves: the frame, and the frame halved once, twice and so on; more are added as they are needed.
+        halves: see `_Looked`.
         """
         depth = max(float(transform(pose, self.model.part.box_centre)[2]), 1.0)
         size_px = self.model.part.diameter * halves[0].camera.fx / depth
@@ -182,6 +255,21 @@ class LateFinder:
             self._finder = Finder(self._model)
             self._finder.prepare()
         return self._finder
+
+
+def _most_times(camera: Camera, reach_px: float = np.inf) -> int:
+    """How many times an image, or so much of it around a place, may be magnified: time and memory stay bounded."""
+    pixels = min(camera.width, 2.0 * reach_px) * min(camera.height, 2.0 * reach_px)
+    return max(1, int(np.sqrt(_MOST_PIXELS / pixels)))
+
+
+def _magnifying(frame: Frame, glass: MagnifyingGlass, box: tuple[int, int, int, int] | None = None) -> Steps[Frame]:
+    """A frame through a glass, inside a box px of what it shows, in slices."""
+    magnified = glass.frame(frame, box)
+    if glass.times > 1:
+        x0, y0, x1, y1 = box or (0, 0, magnified.camera.width, magnified.camera.height)
+        yield RESIZE_WORK * 3.0 * (x1 - x0) * (y1 - y0)
+    return magnified
 
 
 def _halved(frame: Frame) -> Frame:

@@ -23,6 +23,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.result import TargetView, TrackStep
 
 # A part that comes and goes about the limit keeps its glass: what is remembered of its edges is of one size.
@@ -70,6 +71,13 @@ class MagnifyingGlass:
         self._config = config
         self.put_away()
 
+    @classmethod
+    def of(cls, times: int) -> MagnifyingGlass:
+        """One that magnifies so many times, whatever it is held before."""
+        glass = cls(None)
+        glass.times = times
+        return glass
+
     def put_away(self) -> None:
         """Before a new track."""
         self.times, self._in_use = 1, False
@@ -104,6 +112,13 @@ class MagnifyingGlass:
                 image[y0:y1, x0:x1], size, interpolation=cv2.INTER_CUBIC
             )
         return found
+
+    def frame(self, frame: Frame, box: tuple[int, int, int, int] | None = None) -> Frame:
+        """A frame as `camera` and `image` make it; magnified as a whole without a box."""
+        if self.times == 1:
+            return frame
+        camera = self.camera(frame.camera)
+        return replace(frame, image=self.image(frame.image, box or (0, 0, camera.width, camera.height)), camera=camera)
 
     def points(self, points: FloatArray) -> FloatArray:
         """Points (n, 2) px of the magnified image, in px of the frame."""

@@ -120,6 +120,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     start = np.array(cam_T_obj, np.float64)
     # Nothing is learnt yet: in the first frame there is nothing to remember.
     solver = FrameSolver(model, ACP)
+    solver.magnify(frame.camera, start)
 
     def look(pose: FloatArray) -> SeenFrame | None:
         return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose), config.margin_px)
@@ -142,8 +143,8 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
         agreement_before=before,
         agreement=after,
         loss=best.loss,
-        edges=best.judgement.edges,
-        residuals_px=best.judgement.residuals_px,
+        edges=solver.glass.edges(best.judgement.edges),
+        residuals_px=solver.glass.lengths(best.judgement.residuals_px),
         is_good=quality >= config.good_quality,
     )
 

@@ -11,7 +11,7 @@ import pytest
 
 from acp_lab.cad.part import Part
 from acp_lab.detection import pose_search
-from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.config import DetectionConfig, usual_depths_mm
 from acp_lab.detection.detector import Detector, start_poses
 from acp_lab.detection.edge_maps import bands, oriented_edges, removing_specks, resized, without_specks
 from acp_lab.detection.pose_prior import PosePrior
@@ -73,11 +73,31 @@ def test_points_project_onto_the_map_of_an_image_that_shrinks_unevenly() -> None
 
 
 def test_levels_cover_the_range() -> None:
-    levels = depth_levels(DetectionConfig(depth_mm=(300.0, 900.0)))
+    levels = depth_levels((300.0, 900.0), 1.15)
     assert 300.0 < levels[0] < 325.0
     assert 830.0 < levels[-1] < 900.0
     assert (levels[1:] / levels[:-1] <= 1.15 + 1e-9).all()
-    assert depth_levels(DetectionConfig(depth_mm=(400.0, 400.0))).tolist() == [400.0]
+    assert depth_levels((400.0, 400.0), 1.15).tolist() == [400.0]
+
+
+@pytest.mark.parametrize(
+    ("diameter", "expected"),
+    [
+        (80.0, (250.0, 1200.0)),  # appears 67 to 320 px long there
+        (20.0, (62.5, 1200.0)),
+        (500.0, (250.0, 4167.0)),
+    ],
+)
+def test_a_part_is_looked_for_where_it_appears_large_enough_whatever_its_size(
+    diameter: float, expected: tuple[float, float]
+) -> None:
+    camera = Camera(800, 640, 1000.0, 1000.0, 399.5, 319.5)
+    assert usual_depths_mm(diameter, camera) == pytest.approx(expected, abs=1.0)
+    model = sample_model()
+    detector = Detector(replace(model.part, diameter=diameter), model.best_generator())
+    assert detector.depths(camera)[[0, -1]] == pytest.approx(expected, rel=0.08)
+    told = Detector(model.part, model.best_generator(), DetectionConfig(depth_mm=(300.0, 400.0)))
+    assert told.depths(camera)[[0, -1]] == pytest.approx([300.0, 400.0], rel=0.08)
 
 
 def test_parallel_edges_in_one_cell_count_once() -> None:
@@ -193,8 +213,17 @@ def test_a_part_too_far_to_be_seen(camera: Camera) -> None:
     """Levels on which it would be smaller than the scan can tell are left out, not enlarged without bound."""
     detector = sample_detector()
     image = np.random.default_rng(0).integers(0, 255, (camera.height, camera.width, 3)).astype(np.uint8)
-    config = DetectionConfig(depth_mm=(50_000.0, 60_000.0))
-    none = finish(scan(image, camera, detector.part.diameter, detector.templates, detector.groups, config))
+    none = finish(
+        scan(
+            image,
+            camera,
+            detector.part.diameter,
+            detector.templates,
+            detector.groups,
+            depth_levels((50_000.0, 60_000.0), 1.15),
+            DetectionConfig(),
+        )
+    )
     assert len(none) == 0
 
 

@@ -18,7 +18,9 @@ from acp_lab.errors import PreparationError
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.find import ACCEPTED, Finder, detect
+from acp_lab.tracking.find import ACCEPTED, Finder, _most_times, detect
+from benchmarks.part_sizes import scaled
+from tests.made_parts import looking_at
 from tests.prepared_sample import sample_model, sample_scene
 
 
@@ -120,6 +122,46 @@ def test_a_part_prepared_before_views_were_stored() -> None:
     prior = PosePrior(truth, 20.0, 1.1, 30.0)
     (first,), (second,) = (finder.find(frame, 1, prior) for finder in (old, sample_finder()))
     assert first.cam_T_obj == pytest.approx(second.cam_T_obj, abs=1e-6)
+
+
+@pytest.mark.parametrize("size_px", [75.0, 50.0])
+def test_a_small_part_is_found(size_px: float) -> None:
+    """In the frame as it is, a median takes out half of such a part, and below 60 px nothing is scanned."""
+    frame = sample_frame(0)
+    truth = sample_scene().truth(frame.index, 1)
+    assert truth is not None
+    part, finder = sample_model().part, sample_finder()
+    now_px = part.diameter * frame.camera.fx / transform(truth, part.box_centre)[2]
+    small = scaled(frame, float(size_px / now_px))
+    for prior in (None, PosePrior(truth, 20.0, 1.1), PosePrior(truth, 20.0, 1.1, 30.0)):
+        found = finder.find(small, 1, prior)[0]
+        assert found.is_accepted
+        error = np.linalg.norm(transform(found.cam_T_obj, part.vertices) - transform(truth, part.vertices), axis=1)
+        assert error.mean() < 0.04 * part.diameter
+
+
+def test_a_small_part_beside_the_image_does_not_disturb_a_search() -> None:
+    """Magnified is what lies in the image of where it may be: nothing, perhaps."""
+    frame = sample_frame(0)
+    truth = sample_scene().truth(frame.index, 1)
+    assert truth is not None
+    small, away = scaled(frame, 0.25), truth.copy()
+    away[0, 3] += 2000.0
+    behind = truth.copy()
+    behind[2, 3] -= 2.0 * truth[2, 3]
+    for pose in (away, behind):
+        assert not any(one.is_accepted for one in sample_finder().find(small, 1, PosePrior(pose, 20.0, 1.1, 30.0)))
+
+
+def test_a_whole_large_image_is_not_magnified_beyond_measure() -> None:
+    frame = Frame(0, np.zeros((3000, 4000, 3), np.uint8), Camera(4000, 3000, 4000.0, 4000.0, 1999.5, 1499.5))
+    assert _most_times(frame.camera) == 1
+    assert min(_most_times(sample_frame(0).camera), _most_times(frame.camera, 200.0)) >= 4
+    pose = looking_at(sample_model().part, np.array([0.8, 0.6, 1.0]), 5000.0, 0.3)
+    (looked,) = finish(sample_finder()._looks_near(frame, PosePrior(pose, 20.0, 1.1)))
+    assert looked.times == 1
+    (looked,) = finish(sample_finder()._looks_near(frame, PosePrior(pose, 20.0, 1.1, 30.0)))
+    assert looked.times > 1
 
 
 def test_a_large_part_is_aligned_in_a_smaller_image() -> None:

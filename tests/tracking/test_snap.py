@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import GeometryError, TrackingError
-from acp_lab.geometry.pose import disturb_pose
+from acp_lab.geometry.pose import disturb_pose, transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.snap import SnapConfig, snap
+from benchmarks.part_sizes import scaled
 from tests.prepared_sample import sample_model, sample_scene
 from tests.tracking.rendered import add_percent
 
@@ -41,6 +42,17 @@ def test_a_pose_beyond_the_cloud_snaps_to_the_part(seed: int) -> None:
     found = snap(model, first_frame(), start)
     assert add_percent(model.part, found.cam_T_obj, truth) < 2.0
     assert found.is_good
+
+
+def test_a_small_part_snaps_as_well_and_its_edges_are_in_px_of_the_frame() -> None:
+    model, truth, frame = sample_model(), sample_scene().first_pose, first_frame()
+    small = scaled(frame, 0.25)
+    start = disturb_pose(truth, model.part.box_centre, 6.0, 6.0, np.random.default_rng(0))
+    found = snap(model, small, start)
+    assert add_percent(model.part, found.cam_T_obj, truth) < 3.0  # 6.5 without a glass
+    centre_px = small.camera.project(transform(truth, model.part.box_centre[None]))[0]
+    assert np.linalg.norm(found.edges.points - centre_px, axis=1).max() < 45.0
+    assert 0.02 < np.nanmedian(np.abs(found.residuals_px)) < 0.4
 
 
 def test_what_is_no_pose_is_refused() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import choose_region
-from acp_lab.detection.config import DetectionConfig
+from acp_lab.detection.config import DetectionConfig, usual_depths_mm
 from acp_lab.display.look import GENERATED
 from acp_lab.display.widgets.controls import button, close_with_parts, row
 from acp_lab.display.widgets.overlay import Overlay, edge_strokes
@@ -50,7 +50,7 @@ class FindPanel(ipywidgets.Box):
         self.detections: tuple[Detection, ...] = ()
         self._pictures: list[ipywidgets.VBox] = []
         self._button = button("find it for me", "search the image for the part", self._find_aside)
-        near, far = DetectionConfig().depth_mm
+        near, far = map(round, usual_depths_mm(model.part.diameter, frame.camera))
         self.nearest_mm, self.farthest_mm = _distance_field("between", near), _distance_field("and", far)
         self.controls = row([self._button, self.nearest_mm, self.farthest_mm, ipywidgets.Label("mm away")])
         super().__init__(layout=ipywidgets.Layout(display="flex", flex_flow="row wrap", grid_gap="4px 10px"))
