@@ -12,7 +12,8 @@ defaults.
 A run is back when, from a frame within 10 of the end of the cover on, the state is tracking and ADD below 10% of the
 diameter for five frames. Runs whose part comes back beyond 60 px or 20 degrees of where it was last seen have 60
 frames, and make up the row "elsewhere". False: the longest row of frames with state tracking and ADD above 30%.
-With --size-px frames are scaled down until the part appears so long in the middle one; "near" stays as it is.
+With --size-px frames are scaled down until the part appears so long in the middle one, and those 60 px with them: the
+absences are the same.
 PARTS holds prepared parts, or one folder of them per data set. Times are CPU ms, of each frame the shorter of two
 runs; those of tracked frames say how busy the machine was.
 """
@@ -147,11 +148,12 @@ def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str], siz
     frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
     truths = [scene.truth(frame.index, object_id) for frame in frames]
     known = [(f, t) for f, t in zip(frames, truths, strict=True) if t is not None]
+    scale = 1.0
     if size_px is not None:
         scale = min(size_px / appears_px(known[len(known) // 2][0], model.part, known[len(known) // 2][1]), 1.0)
         known = [(scaled(frame, scale), truth) for frame, truth in known]
     for number, kind in enumerate(kinds):
-        walk = _walk(kind, known, model)
+        walk = _walk(kind, known, model, scale * NEAR_PX)
         if walk is not None:
             plain = (number + scene.scene_id) % 2 == 0
             yield _shorter(*(_play(walk, known, Tracker(model, method), metric, plain) for _ in range(2)))
@@ -166,14 +168,14 @@ def _shorter(one: Return, other: Return) -> Return:
     return replace(one, lost_ms=lost, tracked_ms=tracked)
 
 
-def _walk(kind: str, known: list[tuple[Frame, Any]], model: PreparedPart) -> Walk | None:
+def _walk(kind: str, known: list[tuple[Frame, Any]], model: PreparedPart, near_px: float) -> Walk | None:
     """The rows to play; None where the scene has no place that is near."""
     count, seen, hidden = len(known), 12, HIDDEN[kind]
     path = [*range(count), *range(count - 2, 0, -1)]
     turn = [path[k % len(path)] for k in range(seen + hidden + WAIT_ELSEWHERE + 2 * STEADY)]
     before, covered, after = turn[:seen], turn[seen : seen + hidden], turn[seen + hidden :]
     if kind.startswith("jump"):
-        far = [max(px / NEAR_PX, deg / NEAR_DEG) for px, deg in (_away(known[before[-1]], one, model) for one in known)]
+        far = [max(px / near_px, deg / NEAR_DEG) for px, deg in (_away(known[before[-1]], one, model) for one in known)]
         near = [k for k in range(count) if 0.5 < far[k] <= 1.0]
         if kind == "jump near" and not near:
             return None
@@ -182,7 +184,7 @@ def _walk(kind: str, known: list[tuple[Frame, Any]], model: PreparedPart) -> Wal
         after = [path[(at + k) % len(path)] for k in range(len(after))]
         covered = [before[-1]] * hidden
     px, deg = _away(known[before[-1]], known[after[0]], model)
-    is_near = px <= NEAR_PX and deg <= NEAR_DEG
+    is_near = px <= near_px and deg <= NEAR_DEG
     wait = WAIT_NEAR if is_near else WAIT_ELSEWHERE
     return Walk(kind, is_near, tuple(before), tuple(covered), tuple(after[: wait + 2 * STEADY]))
 

@@ -349,11 +349,11 @@ def test_find_it_for_me_shows_hypotheses_and_takes_the_one_that_is_clicked(align
     strokes = canvas.overlays[0].coordinates.reshape(-1, 2)
     assert ((strokes > 0.0) & (strokes < canvas.image_size)).all()
     # Distances between which it is not, and none at all.
-    aligner.finder.nearest_mm.value, aligner.finder.farthest_mm.value = 5000.0, 6000.0
+    aligner.finder.nearest_mm.value, aligner.finder.farthest_mm.value = 50_000.0, 60_000.0
     assert aligner.finder.find() == ()
     assert aligner.finder.children == ()
     assert "nothing here" in aligner.message.value
-    aligner.finder.nearest_mm.value = 7000.0
+    aligner.finder.nearest_mm.value = 70_000.0
     assert aligner.finder.find() == ()
     assert "0 &lt; nearest" in aligner.message.value
 
