@@ -174,17 +174,23 @@ class Detector:
         most = np.radians(min(prior.within_deg + _SEARCH_SLACK_DEG, 180.0))
         return self.fine_views.take((self.fine_views.directions_obj @ eyes.T).max(1) >= np.cos(most) - 1e-9)
 
-    def _window(self, image: ByteImage, camera: Camera, prior: PosePrior) -> tuple[ByteImage, Camera]:
-        """The image around where the part may be, and its camera."""
+    def window(self, camera: Camera, prior: PosePrior) -> tuple[int, int, int, int] | None:
+        """Where (x0, y0, x1, y1) in a camera's image the part may be; None for all of it, also where little is left."""
         if prior.around_px is None:
-            return image, camera
+            return None
         centre = transform(prior.cam_T_obj, self.part.box_centre)
         reach = prior.around_px + 0.5 * self.part.diameter * camera.fx * prior.depth_ratio / max(centre[2], 1.0)
         x, y = camera.project(centre[None])[0] if centre[2] > 1.0 else (camera.cx, camera.cy)
         x0, x1 = (int(np.clip(v, 0, camera.width)) for v in (x - reach, x + reach))
         y0, y1 = (int(np.clip(v, 0, camera.height)) for v in (y - reach, y + reach))
-        if min(x1 - x0, y1 - y0) < _LEAST_WINDOW_PX:
+        return None if min(x1 - x0, y1 - y0) < _LEAST_WINDOW_PX else (x0, y0, x1, y1)
+
+    def _window(self, image: ByteImage, camera: Camera, prior: PosePrior) -> tuple[ByteImage, Camera]:
+        """The image around where the part may be, and its camera."""
+        window = self.window(camera, prior)
+        if window is None:
             return image, camera
+        x0, y0, x1, y1 = window
         cropped = Camera(x1 - x0, y1 - y0, camera.fx, camera.fy, camera.cx - x0, camera.cy - y0)
         return np.ascontiguousarray(image[y0:y1, x0:x1]), cropped
 

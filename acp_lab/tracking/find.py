@@ -36,7 +36,9 @@ ALIGNED, ALIGNED_NEAR = 12, 4
 LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
 """Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
 _RIVALS = 8
-_MAGNIFICATION, _MOST_PIXELS = Magnification(), 6_000_000
+_MAGNIFICATION = Magnification()
+_MOST_PIXELS = 2_500_000
+"""Of a magnified image that is searched."""
 _MARGIN_PX = 40.0
 _LARGE_PX = 250.0
 """A part that appears more than twice as large is aligned in a halved image: time stays bounded."""
@@ -130,6 +132,7 @@ class Finder:
         looks = yield from (self._looks(frame) if prior is None else self._looks_near(frame, prior))
         found = [(one.in_frame(candidate), one) for one in looks for candidate in one.look.candidates]
         found.sort(key=lambda pair: -pair[0].score)
+        # A candidate has no key but itself; `found` keeps each alive.
         seen_in, aligned = {id(candidate): one for candidate, one in found}, list[Candidate]()
         for candidate in self._distinct((candidate for candidate, _ in found), aligned_most or _RIVALS):
             aligned.append(candidate)
@@ -159,11 +162,16 @@ class Finder:
         times = min(_MAGNIFICATION.times(size_px), _most_times(frame.camera, reach_px)) if centre_cam[2] > 0.0 else 1
         box = None
         if prior.around_px is not None and times > 1:
-            camera, reach_px = MagnifyingGlass.of(times).camera(frame.camera), times * reach_px + _MARGIN_PX
-            x, y = camera.project(centre_cam[None])[0]
-            x0, x1 = (int(np.clip(v, 0, camera.width)) for v in (x - reach_px, x + reach_px))
-            y0, y1 = (int(np.clip(v, 0, camera.height)) for v in (y - reach_px, y + reach_px))
-            prior, box = replace(prior, around_px=times * prior.around_px), (x0, y0, x1, y1)
+            camera = MagnifyingGlass.of(times).camera(frame.camera)
+            magnified = replace(prior, around_px=times * prior.around_px)
+            if self.detector.window(camera, magnified) is None:
+                times = 1  # beyond the border, or nearly so: all of the image is searched
+            else:
+                reach = times * reach_px + _MARGIN_PX
+                x, y = camera.project(centre_cam[None])[0]
+                x0, x1 = (int(np.clip(v, 0, camera.width)) for v in (x - reach, x + reach))
+                y0, y1 = (int(np.clip(v, 0, camera.height)) for v in (y - reach, y + reach))
+                prior, box = magnified, (x0, y0, x1, y1)
         image = yield from _magnifying(frame, MagnifyingGlass.of(times), box)
         look = yield from self.detector.search(image.image, image.camera, prior)
         return [_Looked(look, [image], np.inf, times)]

@@ -121,12 +121,13 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     # Nothing is learnt yet: in the first frame there is nothing to remember.
     solver = FrameSolver(model, ACP)
     solver.magnify(frame.camera, start)
+    margin_px = solver.glass.times * config.margin_px
 
     def look(pose: FloatArray) -> SeenFrame | None:
-        return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose), config.margin_px)
+        return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose), margin_px)
 
     seen = look(start)
-    found = None if seen is None else _search(solver, look, seen, config)
+    found = None if seen is None else _search(solver, look, seen, frame.camera, config)
     if seen is None or found is None:
         raise TrackingError(
             f"{model.part.name}: at t = {np.round(start[:3, 3], 1).tolist()} mm the part is not seen in frame "
@@ -150,14 +151,14 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
 
 
 def _search(
-    solver: FrameSolver, look: Look, seen: SeenFrame, config: SnapConfig
+    solver: FrameSolver, look: Look, seen: SeenFrame, camera: Camera, config: SnapConfig
 ) -> tuple[SeenFrame, Solution] | None:
     """The best solution from poses around the prior of a frame's view, or on from there, and the frame around it.
 
-    None when none of the poses sees the part.
+    camera: of the frame, whose px a hand errs by, however small the part. None when none of the poses sees the part.
     """
     start = seen.view.prior
-    cloud = _cloud(start, solver.part.box_centre, seen.view.camera, config)
+    cloud = _cloud(start, solver.part.box_centre, camera, config)
     plan = SearchPlan(config.search_levels, config.refined, config.last_levels)
     near = search_among(
         solver, seen, cloud, lambda pose: solver.at_pose(seen, pose), config.solved, plan, FIRST_FRAME.ranking,
@@ -174,7 +175,12 @@ def _search(
 
 
 def _asked_again(
-    model: PreparedPart, solver: FrameSolver, look: Look, frame: Frame, start: FloatArray, best: Solution,
+    model: PreparedPart,
+    solver: FrameSolver,
+    look: Look,
+    frame: Frame,
+    start: FloatArray,
+    best: Solution,
     config: SnapConfig,
 ) -> tuple[SeenFrame, Solution] | None:
     """The best solution where the detector finds the part elsewhere; None where it does not, or was not prepared."""

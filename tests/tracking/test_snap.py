@@ -47,9 +47,11 @@ def test_a_pose_beyond_the_cloud_snaps_to_the_part(seed: int) -> None:
 def test_a_small_part_snaps_as_well_and_its_edges_are_in_px_of_the_frame() -> None:
     model, truth, frame = sample_model(), sample_scene().first_pose, first_frame()
     small = scaled(frame, 0.25)
-    start = disturb_pose(truth, model.part.box_centre, 6.0, 6.0, np.random.default_rng(0))
-    found = snap(model, small, start)
-    assert add_percent(model.part, found.cam_T_obj, truth) < 3.0  # 6.5 without a glass
+    beside = truth.copy()
+    beside[0, 3] += 16.0 * truth[2, 3] / small.camera.fx  # a hand errs by px of the frame
+    for start in (disturb_pose(truth, model.part.box_centre, 6.0, 6.0, np.random.default_rng(0)), beside):
+        found = snap(model, small, start)
+        assert add_percent(model.part, found.cam_T_obj, truth) < 3.0  # 6.5 without a glass
     centre_px = small.camera.project(transform(truth, model.part.box_centre[None]))[0]
     assert np.linalg.norm(found.edges.points - centre_px, axis=1).max() < 45.0
     assert 0.02 < np.nanmedian(np.abs(found.residuals_px)) < 0.4
