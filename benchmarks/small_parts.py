@@ -37,6 +37,7 @@ from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
 
 SIZES_PX = (None, 120, 80, 50, 35)
+HOW = "find", "snap"
 OFF_DEG, OFF_MM = 8.0, 8.0
 UNIT = {
     "frames": "frames",
@@ -72,13 +73,11 @@ def main() -> None:
             scene = BopDataset(root).open_scene(scene_id)
             if is_in_split(part_name(root, scene.object_ids[0]), args.split):
                 new = list(_in_scene(scene, args.parts))
-                told = [
-                    f"{how} {100 * np.median([f.error for f in new if f.how == how]):.1f}%" for how in ("find", "snap")
-                ]
+                told = [f"{how} {100 * np.median([f.error for f in new if f.how == how]):.1f}%" for how in HOW]
                 print(root.name, scene_id, *told, sep="  ", flush=True)
                 found += new
     values = {}
-    for how in ("find", "snap"):
+    for how in HOW:
         for size_px in SIZES_PX:
             members = [one for one in found if (one.how, one.size_px) == (how, size_px)]
             if members:

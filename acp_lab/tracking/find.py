@@ -79,6 +79,8 @@ class _Looked:
 
     def in_frame(self, candidate: Candidate) -> Candidate:
         """A candidate, as long as it appears in the frame: a magnified part tells no more than it did."""
+        if self.times == 1:
+            return candidate
         evidence = candidate.evidence
         return replace(candidate, evidence=replace(evidence, size_px=evidence.size_px / self.times))
 
@@ -157,21 +159,20 @@ class Finder:
         """The one image that a search near a pose is of."""
         centre_cam = transform(prior.cam_T_obj, self.model.part.box_centre)
         size_px = self.model.part.diameter * frame.camera.fx / max(float(centre_cam[2]), 1e-6)
-        # Room for the part at the rim of where it may be, and for what its alignment looks at.
-        reach_px = (np.inf if prior.around_px is None else prior.around_px) + 1.5 * prior.depth_ratio * size_px
+        # For the part at the rim of where it may be.
+        room_px = prior.depth_ratio * size_px
+        reach_px = (np.inf if prior.around_px is None else prior.around_px) + 1.5 * room_px
         times = min(_MAGNIFICATION.times(size_px), _most_times(frame.camera, reach_px)) if centre_cam[2] > 0.0 else 1
         box = None
         if prior.around_px is not None and times > 1:
             camera = MagnifyingGlass.of(times).camera(frame.camera)
             magnified = replace(prior, around_px=times * prior.around_px)
-            if self.detector.window(camera, magnified) is None:
+            window = self.detector.window(camera, magnified)
+            if window is None:
                 times = 1  # beyond the border, or nearly so: all of the image is searched
             else:
-                reach = times * reach_px + _MARGIN_PX
-                x, y = camera.project(centre_cam[None])[0]
-                x0, x1 = (int(np.clip(v, 0, camera.width)) for v in (x - reach, x + reach))
-                y0, y1 = (int(np.clip(v, 0, camera.height)) for v in (y - reach, y + reach))
-                prior, box = magnified, (x0, y0, x1, y1)
+                room, prior = int(times * room_px + _MARGIN_PX), magnified
+                box = window[0] - room, window[1] - room, window[2] + room, window[3] + room
         image = yield from _magnifying(frame, MagnifyingGlass.of(times), box)
         look = yield from self.detector.search(image.image, image.camera, prior)
         return [_Looked(look, [image], np.inf, times)]
