@@ -151,6 +151,7 @@ class Pursuit:
             self.predictor.moves,
             usual.mean_quality,
             usual.mean_score,
+            usual.last_score,
             states.state is TrackState.LOST,
             states.is_time_to_search(),
             self.predictor.innovation_of,

@@ -6,7 +6,7 @@ ring around it; while the part is lost and no `way_back` looks for it, a wide se
 in, less and less often.
 `Alternatives`, for methods that see regions too, lets these go first, without the motion prior. Where even these fit
 far worse, the part may have moved or turned further than any of them reaches: then a cloud of poses is searched, and a
-wide one where the first shows nothing that fits well. What fits badly even there is taken where it stands out.
+wide one, once, where the first shows nothing that fits well. What fits badly even there is taken where it stands out.
 """
 
 from __future__ import annotations
@@ -83,9 +83,9 @@ class Alternatives:
             around the predicted pose is searched, and the best of that must reach it before its last level; 0 for
             never.
         cloud: its poses.
-        wide_below: share of the running mean score. Where the best of the cloud does not reach it, and the part is
-            not lost, a wide one is searched as well, and only what reaches it there is taken for better: among so many
-            poses some fit better than the true one of a covered part. 0 for never.
+        wide_below: share of the running mean score. Where the best of the cloud does not reach it, and the frame
+            before called for no cloud, a wide one is searched as well, and only what reaches it there is taken for
+            better: among so many poses some fit better than the true one of a covered part. 0 for never.
         wide_cloud: its poses.
         stands_out_above, stands_out_by: shares of the running mean score. What reaches neither of these is taken all
             the same where it is above the first, and above all that was found elsewhere by the second: in a frame
@@ -153,6 +153,7 @@ class Situation:
     Attributes:
         predicted, last: (4, 4) the predicted and the last pose; moves: whether they differ.
         mean_quality, mean_score: running means.
+        last_score: of the frame before.
         is_lost: whether the part is; time_to_search: whether a wide search is due then.
         innovation: of a pose (4, 4), squared, normalised, per degree of freedom.
     """
@@ -162,6 +163,7 @@ class Situation:
     moves: bool
     mean_quality: float
     mean_score: float
+    last_score: float
     is_lost: bool
     time_to_search: bool
     innovation: Callable[[FloatArray], float]
@@ -272,10 +274,11 @@ def _in_cloud(
     found = solutions_in_cloud(solver, seen, situation.predicted, config.cloud)
     best = _reaching(least, found)
     well = config.wide_below * situation.mean_score
-    # A part that stays hidden should not take so long in frame after frame; when it is lost the detector looks for it.
     if well > 0.0 and not situation.is_lost and _reaching(well, found) is None:
-        found += solutions_in_cloud(solver, seen, situation.predicted, config.wide_cloud)
-        found.sort(key=lambda solution: -solution.score)
+        # Once: what is not found at the leap is covered, or the detector looks for it soon.
+        if situation.last_score >= least:
+            found += solutions_in_cloud(solver, seen, situation.predicted, config.wide_cloud)
+            found.sort(key=lambda solution: -solution.score)
         best = _reaching(well, found) or best or _standing_out(found, reached, situation, config, solver.part)
     clock.search_s += clock.lap()
     return None if best is None else (seen, best)

@@ -95,7 +95,7 @@ def first_try(view: View, quality: float) -> Solution:
 def recovered(
     solver: Scripted, view: View, first: Solution | None, moves: bool = True, search: bool = False, sees: bool = True
 ) -> Solution | None:
-    situation = Situation(view.prior, solver.last, moves, 0.5, 0.5, search, search, lambda _: 0.0)
+    situation = Situation(view.prior, solver.last, moves, 0.5, 0.5, 0.5, search, search, lambda _: 0.0)
 
     def look(pose: FloatArray) -> SeenFrame | None:
         assert pose is solver.last
@@ -257,6 +257,7 @@ def compared(
     view: View,
     first: Solution | None,
     config: Alternatives = PATIENT,
+    last_score: float = 1.0,
     lost: bool = False,
     due: bool = False,
     sees: bool = True,
@@ -269,6 +270,7 @@ def compared(
         moves,
         0.0,
         mean_score=mean_score,
+        last_score=last_score,
         is_lost=lost,
         time_to_search=due,
         innovation=lambda _: solver.innovation,
@@ -437,6 +439,22 @@ def test_no_wide_cloud_is_searched_for_a_part_that_is_lost(part: Part, view: Vie
         compared(solver, view, first_try(view, 0.3), SEARCHING_WIDE, lost=lost, due=lost)
         assert "cloud" in solver.tried
         assert ("wide cloud" in solver.tried) == searched
+
+
+def test_a_wide_cloud_is_searched_only_in_the_first_frame_that_fits_badly(
+    part: Part, view: View, predicted: FloatArray
+) -> None:
+    """A part that stays half hidden would take long in frame after frame."""
+    for last_score, searched in ((0.5, True), (0.49, False)):
+        solver = Compared(part, predicted, {}, refined=0.9, in_cloud=0.1, in_wide_cloud=0.36)
+        compared(solver, view, first_try(view, 0.2), SEARCHING_WIDE, last_score=last_score)
+        assert "cloud" in solver.tried
+        assert ("wide cloud" in solver.tried) == searched
+        # What stands out is taken from the first cloud as well.
+        solver = Compared(part, predicted, {}, refined=0.9, in_cloud=0.36, in_wide_cloud=0.1)
+        first = first_try(view, 0.2)
+        found = compared(solver, view, first, SEARCHING_WIDE, last_score=last_score)
+        assert found is not first
 
 
 def test_where_the_cloud_s_place_is_not_taken_the_best_alternative_has_its_chance(
