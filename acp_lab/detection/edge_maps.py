@@ -112,18 +112,20 @@ def distances(directions: ByteImage, bins: int, most_px: float, per_bin_px: floa
 
     height, width = directions.shape
     most = round(most_px * DISTANCE_UNITS)
-    lanes = np.full((height + 2, width + 2, LANES), most, np.int16)
+    # What is touched for the first time takes as long as what is computed: each band is, in its own slice.
+    lanes = np.empty((height + 2, width + 2, LANES), np.int16)
+    lanes[0] = lanes[-1] = most
     for first, last in bands(height, width):
+        lanes[first + 1 : last + 1] = most
         distances_from_above(directions, lanes.reshape(height + 2, -1), first, last)
         yield DISTANCE_WORK * (last - first) * width
     for first, last in reversed(list(bands(height, width))):
         distances_from_below(lanes, first, last)
         yield DISTANCE_WORK * (last - first) * width
-    planes = cv2.transpose(lanes.reshape(-1, LANES)).reshape(LANES, height + 2, width + 2)
-    yield TRANSPOSE_WORK * height * width
     found: Float32Array = np.empty((bins, height, width), np.float32)
     per_bin = np.int32(round(min(per_bin_px, most_px) * DISTANCE_UNITS))
-    for first, last in bands(height, bins * width):  # all planes are written, for the first time: memory, above all
+    for first, last in bands(height, bins * width):
+        planes = cv2.transpose(lanes[first + 1 : last + 1].reshape(-1, LANES)).reshape(LANES, -1, width + 2)
         distances_in_px(planes, per_bin, first, last, found)
-        yield LAYER_WORK * (last - first) * width * bins
+        yield (TRANSPOSE_WORK + LAYER_WORK * bins) * (last - first) * width
     return found

@@ -337,16 +337,17 @@ def distances_from_below(lanes: np.ndarray, first: int, last: int) -> None:
 def distances_in_px(lanes: np.ndarray, per_bin: np.int32, first: int, last: int, found: Float32Array) -> None:
     """The distances in px, for rows from `first` to `last`; of edges up to two bins away `per_bin` more for each.
 
-    lanes: (LANES, h + 2, w + 2), a border of one px. found: (bins, h, w), written.
+    lanes: (LANES, last - first, w + 2), of these rows, with a border of one px left and right. found: (bins, h, w),
+    written.
     """
     bins, _, width = found.shape
     unit = np.float32(1.0 / DISTANCE_UNITS)
     per_two = np.int32(2 * per_bin)
     for y in range(first, last):
         for k in range(bins):
-            own = lanes[k, y + 1]
-            before, after = lanes[(k + bins - 1) % bins, y + 1], lanes[(k + 1) % bins, y + 1]
-            before_2, after_2 = lanes[(k + bins - 2) % bins, y + 1], lanes[(k + 2) % bins, y + 1]
+            own = lanes[k, y - first]
+            before, after = lanes[(k + bins - 1) % bins, y - first], lanes[(k + 1) % bins, y - first]
+            before_2, after_2 = lanes[(k + bins - 2) % bins, y - first], lanes[(k + 2) % bins, y - first]
             row = found[k, y]
             for x in range(width):
                 beside = np.int32(min(before[x + 1], after[x + 1]) + per_bin)

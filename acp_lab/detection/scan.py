@@ -35,8 +35,8 @@ _LOCAL_MEAN_SHARE = 0.6
 """Not all of it: the part itself is in its surroundings."""
 _UNITS = 100.0
 _SLICE_WORK = 2000.0
-FEATURE_WORK, PLANE_WORK = 3.5e-5, 0.005
-"""Of a feature at a place; of a response that is laid out."""
+FEATURE_WORK, PLANE_WORK, PEAK_WORK = 3.5e-5, 0.005, 0.006
+"""Of a feature at a place; of a response that is laid out; of a place that is compared with its neighbours."""
 LARGEST_SCALE = 1.05
 """A part that appears smaller than scan_px has too few pixels to be told from others."""
 
@@ -163,7 +163,10 @@ def _scan_level(
     best = (best.reshape(GROUPS, rows, wide)[:, :, inside] / _UNITS).astype(np.float32)
     ids = ids.reshape(GROUPS, rows, wide)[:, :, inside]
     around = np.ones((3, 3), np.uint8)
-    peak = np.stack([layer >= cv2.dilate(np.ascontiguousarray(layer), around) for layer in best])
+    peak = np.empty(best.shape, bool)
+    for layer, is_peak in zip(best, peak, strict=True):
+        np.greater_equal(layer, cv2.dilate(np.ascontiguousarray(layer), around), out=is_peak)
+        yield PEAK_WORK * layer.size
     group, row, column = np.nonzero(peak & (best > 0.0))
     places = np.stack([column * step, row * step], 1).astype(np.float64)
     return best[group, row, column], ids[group, row, column].astype(np.int64), places
