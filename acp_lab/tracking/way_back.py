@@ -29,6 +29,7 @@ from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
+from acp_lab.tracking.magnification import Magnification
 from acp_lab.tracking.picture import PictureSearch, take_picture
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.search import shifted
@@ -40,6 +41,7 @@ LEAST_SEARCH_WORK = 1_000.0
 """Of a search, though it look at next to nothing: thousands of those would fit into a frame's budget."""
 PICTURE = PictureSearch(reach=1.0)
 """Of the part in the frame that was searched: a fast one moves by its own size until the search ends."""
+_MAGNIFICATION = Magnification()
 
 
 class _Search(Errand[tuple[Detection, ...]]):
@@ -67,9 +69,13 @@ class Reach:
     depth_ratio: float
     around_px: float | None = None
 
-    def of(self, cam_T_obj: FloatArray) -> PosePrior:
-        """Around a pose (4, 4)."""
-        return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, self.around_px)
+    def of(self, cam_T_obj: FloatArray, size_px: float = np.inf) -> PosePrior:
+        """Around a pose (4, 4) at which the part appears `size_px` long."""
+        around_px = self.around_px
+        if around_px is not None:
+            # Where it is magnified a margin has more px, which take longer; and a part far away moves by fewer.
+            around_px /= _MAGNIFICATION.times(size_px) ** 0.5
+        return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, around_px)
 
 
 NEAR, LIKE_LAST, ANY_SIDE = Reach(25.0, 1.12, 80.0), Reach(40.0, 1.3), Reach(180.0, 1.6)
@@ -145,7 +151,7 @@ class Reacquisition:
         return found
 
     def doubts(self, frame: Frame, cam_T_obj: FloatArray, quality: float, last_seen: FloatArray) -> bool:
-        """Whether a pose (4, 4) needs a second look: not near the last one, as a search nearby looks, nor sure."""
+        """Whether a pose (4, 4) needs a second look: not near the last one (`NEAR`), nor sure."""
         if quality >= SURE_QUALITY:
             return False
         turns = self._model.part.symmetries.transforms()
@@ -182,6 +188,11 @@ class Reacquisition:
             self._looks = 0  # the next doubt is another one
         return verdict
 
+    def _size_px(self, frame: Frame, cam_T_obj: FloatArray) -> float:
+        """How long the part appears at a pose (4, 4)."""
+        depth = float(transform(cam_T_obj, self._model.part.box_centre)[2])
+        return self._model.part.diameter * frame.camera.fx / max(depth, 1e-6)
+
     def _now(self, cam_T_obj: FloatArray, frame: Frame) -> list[FloatArray]:
         """A pose (4, 4) in the frame that was searched; before it, moved to where the part's picture is in this one.
 
@@ -209,7 +220,8 @@ class Reacquisition:
         else:
             if self._near is None:
                 around, self._around = self._around, None
-                near = NEAR.of(last_seen if around is None else around)
+                place = last_seen if around is None else around
+                near = NEAR.of(place, self._size_px(frame, place))
                 # Not aligned: the tracker does that in the frame in which it tries them.
                 self._near = _Search(self._finder(), frame, most, near, 0)
             search = self._near

@@ -21,6 +21,7 @@ from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.tracker import Tracker
 from acp_lab.tracking.way_back import (
+    LIKE_LAST,
     NEAR,
     PROPOSAL_WORK,
     SECOND_LOOKS,
@@ -100,6 +101,14 @@ def test_every_reach_has_its_turn() -> None:
     for index in range(40):
         way_back.proposals(frame(index), ANYWHERE)
     assert {25.0, 40.0, 180.0, None} == set(finder.asked)
+
+
+def test_a_search_nearby_looks_less_far_around_a_part_that_is_magnified() -> None:
+    margins = [NEAR.of(ANYWHERE, size_px).around_px for size_px in (np.inf, 130.0, 90.0, 50.0)]
+    assert margins[0] == margins[1] == NEAR.around_px
+    # In px of the magnified image it is more all the same.
+    assert margins[2:] == pytest.approx([80.0 / 2**0.5, 80.0 / 4**0.5])
+    assert LIKE_LAST.of(ANYWHERE, 50.0).around_px is None
 
 
 def test_work_per_frame_is_bounded() -> None:
