@@ -219,10 +219,11 @@ def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: 
     since = covers.stop
     back = next((k - since + 1 for k in range(since, len(rows) - STEADY) if all(right[k : k + STEADY])), None)
     wrong = [e > LOST and t for e, t in zip(errors, tracking, strict=True)]
-    return Return(walk.kind, walk.near, back, _longest(wrong), tuple(lost_ms), tuple(tracked_ms))
+    return Return(walk.kind, walk.near, back, longest(wrong), tuple(lost_ms), tuple(tracked_ms))
 
 
-def _longest(flags: list[bool]) -> int:
+def longest(flags: list[bool]) -> int:
+    """How many in the longest row are true."""
     longest = run = 0
     for flag in flags:
         run = run + 1 if flag else 0

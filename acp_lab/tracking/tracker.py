@@ -35,6 +35,7 @@ from acp_lab.tracking.recovery import Alternatives
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
 from acp_lab.tracking.search import Look
 from acp_lab.tracking.second_opinion import Question, second_opinion
+from acp_lab.tracking.second_thoughts import SecondThoughts
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.sought import Sought
@@ -84,6 +85,10 @@ class Tracker:
         self._expected_error = ExpectedError(model.part)
         self._finder = LateFinder(model)
         self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back, self._finder)
+        # Without stored views a frame would have to wait for them, which only a lost part is worth.
+        self._second_thoughts = (
+            None if isinstance(way_back, Off) or model.views is None else SecondThoughts(model, way_back, self._finder)
+        )
         self._forget()
 
     @property
@@ -198,6 +203,7 @@ class Tracker:
             predicted, solution = pursuit.follow(frame, clock)
             if not self._is_lost or self._way_back is None:
                 solution = pursuit.recover(frame, predicted, solution, clock, self._states)
+            solution = self._reconsidered(frame, solution, clock)
         quality = 0.0 if solution is None else self._quality(solution)
         if solution is not None and self._states.may_begin_to_track(quality):
             self._states.doubted = self._doubts(frame, solution, quality)
@@ -228,6 +234,8 @@ class Tracker:
                 self._measure_again(first, solution.cam_T_obj, clock)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             pursuit.usual.take_in(solution)
+        if self._second_thoughts is not None:
+            self._second_thoughts.take_in(quality, self._is_lost)
         return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(predicted) or note)
 
     def run(
@@ -279,6 +287,8 @@ class Tracker:
         self._states = StateMachine(self.method.states)
         if self._way_back is not None:
             self._way_back.forget()
+        if self._second_thoughts is not None:
+            self._second_thoughts.forget()
         if self._tones is not None:
             self._tones.forget()
         # Whether a second look found a weak part where it is, however little of it fixes its pose.
@@ -362,6 +372,10 @@ class Tracker:
             return 1.0
         return confidence.exactness(self._expected_error.rms_mm(covariance, cam_T_obj) / self.part.diameter)
 
+    def _right(self, solution: Solution) -> float:
+        """In [0, 1]: the probability that its pose is right."""
+        return self._quality(solution) * self._exactness(solution.cam_T_obj, self._covariance(solution))
+
     @property
     def _is_lost(self) -> bool:
         return self._states.state is TrackState.LOST
@@ -384,6 +398,21 @@ class Tracker:
         if exactness < LEAST_EXACT and not self._believed:
             return True  # a cable looks like a plate edge-on, but it may lie anywhere along itself
         return way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
+
+    def _reconsidered(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Solution | None:
+        """The solution of a frame, or what the detector's second thoughts led to."""
+        thoughts, pursuit = self._second_thoughts, self._pursuit
+        if thoughts is None or solution is None or self._is_lost or self._states.doubted:
+            return solution
+        clock.lap()
+        proposals, region = thoughts.proposals(frame, solution.cam_T_obj), pursuit.region
+        clock.search_s += clock.lap()
+        best = pursuit.best_of(frame, proposals, clock)
+        if best is None or not thoughts.prefer(best, self._right(best), solution):
+            pursuit.region = region
+            return solution
+        pursuit.restart(best.cam_T_obj)  # a leap is no velocity
+        return best
 
     def _look_again(self, frame: Frame, solution: Solution, clock: Stopwatch) -> str:
         """Whether a part that came back elsewhere is it; the reason when the state changed."""

@@ -21,7 +21,7 @@ from enum import Enum
 
 import numpy as np
 
-from acp_lab.cad.part import box_corners
+from acp_lab.cad.part import Part, box_corners
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Errand
 from acp_lab.geometry.arrays import FloatArray
@@ -44,7 +44,7 @@ PICTURE = PictureSearch(reach=1.0)
 _MAGNIFICATION = Magnification()
 
 
-class _Search(Errand[tuple[Detection, ...]]):
+class Search(Errand[tuple[Detection, ...]]):
     """A search, and what it is limited to."""
 
     def __init__(
@@ -78,6 +78,21 @@ class Reach:
         return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, around_px)
 
 
+def moved_on(part: Part, cam_T_obj: FloatArray, searched: Frame, frame: Frame) -> list[FloatArray]:
+    """A pose (4, 4) that was found in a frame, as poses in a later one, the likelier first.
+
+    It is moved to where the part's picture is now. What passes in front of the part has a picture, too, so both are
+    given, unless nothing moved.
+    """
+    if searched.camera != frame.camera:
+        return [cam_T_obj]
+    picture = take_picture(searched, box_corners(part), cam_T_obj, PICTURE)
+    shift_px = None if picture is None else picture.shift_in(frame.image, np.zeros(2), PICTURE)
+    if shift_px is None or np.linalg.norm(shift_px) < PICTURE.least_px:
+        return [cam_T_obj]
+    return [shifted(cam_T_obj, part.box_centre, frame.camera, shift_px), cam_T_obj]
+
+
 NEAR, LIKE_LAST, ANY_SIDE = Reach(25.0, 1.12, 80.0), Reach(40.0, 1.3), Reach(180.0, 1.6)
 WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
 """In their order, again and again; None for everywhere."""
@@ -107,13 +122,12 @@ class Reacquisition:
 
     def __init__(self, model: PreparedPart, config: WayBack, finder: Callable[[], Finder]) -> None:
         self._model, self._config, self._finder = model, config, finder
-        self._corners_obj = box_corners(model.part)
         self.forget()
 
     def forget(self) -> None:
         """The part is not lost: the next search begins anew."""
-        self._near: _Search | None = None
-        self._wide: _Search | None = None
+        self._near: Search | None = None
+        self._wide: Search | None = None
         self._found: tuple[Detection, ...] = ()
         self._searched: Frame | None = None
         self._around: FloatArray | None = None
@@ -121,7 +135,7 @@ class Reacquisition:
         self._prior: PosePrior | None = None
         self._best: Detection | None = None
         self._began = False
-        self._second: _Search | None = None
+        self._second: Search | None = None
         self._looks = 0
 
     @property
@@ -141,7 +155,8 @@ class Reacquisition:
 
         last_seen: (4, 4), where the part was.
         """
-        found = [pose for one in self._found for pose in self._now(one.cam_T_obj, frame)]
+        part, searched = self._model.part, self._searched or frame
+        found = [pose for one in self._found for pose in moved_on(part, one.cam_T_obj, searched, frame)]
         self._found, self._second, self._looks = (), None, 0
         if found:
             self.look_around(found[0])
@@ -168,7 +183,7 @@ class Reacquisition:
             looks = self._looks
             self.forget()
             self._looks, prior = looks, SECOND_LOOKS[looks].of(last_seen)
-            self._second = _Search(self._finder(), frame, 1, prior, rival=cam_T_obj)
+            self._second = Search(self._finder(), frame, 1, prior, rival=cam_T_obj)
         search = self._second
         search.go_on(self._config.budget)
         if not search.is_done:
@@ -193,20 +208,6 @@ class Reacquisition:
         depth = float(transform(cam_T_obj, self._model.part.box_centre)[2])
         return self._model.part.diameter * frame.camera.fx / max(depth, 1e-6)
 
-    def _now(self, cam_T_obj: FloatArray, frame: Frame) -> list[FloatArray]:
-        """A pose (4, 4) in the frame that was searched; before it, moved to where the part's picture is in this one.
-
-        What passes in front of the part has a picture, too, so both are tried.
-        """
-        searched = self._searched
-        if searched is None or searched.camera != frame.camera:
-            return [cam_T_obj]
-        picture = take_picture(searched, self._corners_obj, cam_T_obj, PICTURE)
-        shift_px = None if picture is None else picture.shift_in(frame.image, np.zeros(2), PICTURE)
-        if shift_px is None or np.linalg.norm(shift_px) < PICTURE.least_px:
-            return [cam_T_obj]
-        return [shifted(cam_T_obj, self._model.part.box_centre, frame.camera, shift_px), cam_T_obj]
-
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
         most = self._config.proposals
@@ -215,7 +216,7 @@ class Reacquisition:
                 reach = WIDE[self._wide_searches % len(WIDE)]
                 self._wide_searches += 1
                 prior = None if reach is None else reach.of(last_seen)
-                self._wide = _Search(self._finder(), frame, most, prior, None)
+                self._wide = Search(self._finder(), frame, most, prior, None)
             search, self._wide_frames = self._wide, self._wide_frames - 1
         else:
             if self._near is None:
@@ -223,7 +224,7 @@ class Reacquisition:
                 place = last_seen if around is None else around
                 near = NEAR.of(place, self._size_px(frame, place))
                 # Not aligned: the tracker does that in the frame in which it tries them.
-                self._near = _Search(self._finder(), frame, most, near, 0)
+                self._near = Search(self._finder(), frame, most, near, 0)
             search = self._near
         budget = min(search.go_on(budget), budget - LEAST_SEARCH_WORK)
         self._prior, self._began = search.prior, True

@@ -1,0 +1,73 @@
+"""Second thoughts: is a part that has fitted poorly for some frames where it is followed?
+
+A pose may drift, in each frame a little: with the rim of a hand, say, that covers half of the part and moves with it.
+Nothing about that is sudden, so no other start is tried, and at the wrong pose so much fits that the part never counts
+as lost, not even when the hand is gone. So while a part fits poorly the detector looks around it, a little in each
+frame, and the frame is solved from what it finds, too. That replaces the pose only where it fits better and is surely
+right: half a part resembles many things. (Not in the paper.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.find import Finder
+from acp_lab.tracking.recovery import WayBack
+from acp_lab.tracking.solution import Solution
+from acp_lab.tracking.way_back import Reach, Search, moved_on
+
+AROUND = Reach(30.0, 1.3, 60.0)
+"""A pose that drifted, the right one is found."""
+LEAST_SCORE = 0.1
+"""Of a hypothesis that is tried: of a part half covered no hypothesis is likely."""
+_TRIED = 2
+_BUDGET_SHARE = 0.4
+"""As a rule the part is where it is followed: its frames stay short."""
+_GAIN = 0.03
+_SURELY_RIGHT = 0.9
+
+
+class SecondThoughts:
+    """Of one tracked part; finder: gives the detector, when it is needed."""
+
+    def __init__(self, model: PreparedPart, config: WayBack, finder: Callable[[], Finder]) -> None:
+        self._part, self._config, self._finder = model.part, config, finder
+        self.forget()
+
+    def forget(self) -> None:
+        """There is nothing to think of."""
+        self._poor_frames = 0
+        self._search: Search | None = None
+
+    def take_in(self, quality: float, is_lost: bool) -> None:
+        """How well a frame fitted; a lost part is looked for by others."""
+        if quality < self._config.poor_below and not is_lost:
+            self._poor_frames += 1
+        else:
+            self.forget()
+
+    def proposals(self, frame: Frame, cam_T_obj: FloatArray) -> list[FloatArray]:
+        """Go on looking, if it is time, around the pose (4, 4) at which a frame was solved.
+
+        Poses (4, 4) elsewhere to solve it from; mostly none.
+        """
+        if not 0 < self._config.poor_frames <= self._poor_frames:
+            return []
+        if self._search is None:
+            self._search = Search(self._finder(), frame, _TRIED, AROUND.of(cam_T_obj), 0)
+        search = self._search
+        search.go_on(_BUDGET_SHARE * self._config.budget)
+        if not search.is_done:
+            return []
+        self._search = None
+        found = (one.cam_T_obj for one in search.result or () if one.score >= LEAST_SCORE)
+        elsewhere = [pose for pose in found if not self._finder().is_same(pose, (cam_T_obj,))]
+        return [now for pose in elsewhere for now in moved_on(self._part, pose, search.frame, frame)]
+
+    @staticmethod
+    def prefer(proposed: Solution, right: float, followed: Solution) -> bool:
+        """Whether a solution from a proposal, with the probability that its pose is right, replaces the other."""
+        return right >= _SURELY_RIGHT and proposed.score > followed.score + _GAIN

@@ -1,0 +1,159 @@
+"""Whether a part that fits poorly for some frames is where it is followed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import Part
+from acp_lab.detection.view_templates import make_views
+from acp_lab.detection.work import Steps
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose_step import move_pose
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.find import Detection
+from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.method import ACP
+from acp_lab.tracking.pursuit import Pursuit
+from acp_lab.tracking.recovery import WayBack
+from acp_lab.tracking.second_thoughts import LEAST_SCORE, SecondThoughts
+from acp_lab.tracking.solution import Solution
+from acp_lab.tracking.start import LOOK_LEVEL
+from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.tracker import Tracker
+from tests.made_parts import bracket, looking_at
+from tests.tracking.rendered import add_percent, draw, poses, prepared
+
+LARGE = Camera(width=320, height=256, fx=420.0, fy=425.0, cx=159.5, cy=127.5)
+HERE = np.eye(4)
+POOR, WELL = 0.84, 0.85
+ELSEWHERE = np.eye(4)
+ELSEWHERE[0, 3] = 40.0
+
+
+@pytest.mark.parametrize("values", [{"poor_below": 1.5}, {"poor_below": float("nan")}, {"poor_frames": -1}])
+def test_nonsense_is_refused(values: dict[str, float]) -> None:
+    with pytest.raises(TrackingError, match="way_back"):
+        WayBack(**values)  # type: ignore[arg-type]
+
+
+class Searched:
+    """Stands for a finder that looks for a told number of frames and finds told poses."""
+
+    def __init__(self, found: list[tuple[FloatArray, float]], frames: int = 1) -> None:
+        self.found, self.frames = found, frames
+        self.searched: list[int] = []
+
+    def is_same(self, cam_T_obj: FloatArray, others: tuple[FloatArray, ...]) -> bool:
+        return any(np.allclose(cam_T_obj, other) for other in others)
+
+    def search(
+        self, frame: Frame, top: int, prior: object, aligned_most: int | None = None, rival: FloatArray | None = None
+    ) -> Steps[tuple[Detection, ...]]:
+        self.searched.append(frame.index)
+        for _ in range(self.frames):
+            yield 1e6
+        return tuple(Detection(pose, score, np.array([0.0, 0.0, 1.0])) for pose, score in self.found)
+
+
+def thinking(finder: Searched, **settings: float) -> SecondThoughts:
+    model = prepared(bracket(shift=(0.0, 0.0, 0.0)))
+    return SecondThoughts(model, WayBack(**settings), lambda: finder)  # type: ignore[arg-type, return-value]
+
+
+def frame(index: int) -> Frame:
+    return Frame(index, np.zeros((4, 4, 3), np.uint8), Camera(4, 4, 4.0, 4.0, 1.5, 1.5))
+
+
+def played(thoughts: SecondThoughts, qualities: list[float], lost: tuple[int, ...] = ()) -> list[int]:
+    """In which frames something is proposed."""
+    proposed = []
+    for index, quality in enumerate(qualities):
+        if index not in lost and thoughts.proposals(frame(index), HERE):
+            proposed.append(index)
+        thoughts.take_in(quality, index in lost)
+    return proposed
+
+
+def test_the_detector_looks_around_a_part_that_fits_poorly_for_some_frames() -> None:
+    # It starts in the frame after five poor ones, works on in the next, and then begins anew.
+    for frames, proposed in ((1, [6, 8, 10]), (3, [8])):
+        finder = Searched([(ELSEWHERE, 0.5)], frames)
+        assert played(thinking(finder), [POOR] * 11) == proposed
+        assert finder.searched[0] == 5
+    # Not as long as it fits, or fitted a moment ago, or is lost.
+    for qualities, lost in (
+        ([WELL] * 11, ()),
+        ([POOR, POOR, POOR, POOR, WELL] * 3, ()),
+        ([POOR] * 11, (0, 4, 8)),
+    ):
+        finder = Searched([(ELSEWHERE, 0.5)])
+        assert played(thinking(finder), qualities, lost) == []
+        assert finder.searched == []
+
+
+def test_how_many_frames_are_poor_is_a_setting() -> None:
+    assert played(thinking(Searched([(ELSEWHERE, 0.5)]), poor_frames=2), [POOR] * 4) == [3]
+    finder = Searched([(ELSEWHERE, 0.5)])
+    assert played(thinking(finder, poor_frames=0), [0.3] * 20) == []
+    assert played(thinking(finder, poor_below=0.5), [0.5] * 20) == []
+    assert finder.searched == []
+
+
+def test_what_is_found_where_the_part_is_followed_or_is_unlikely_is_not_proposed() -> None:
+    for found in ([(HERE, 0.9)], [(ELSEWHERE, 0.9 * LEAST_SCORE)], []):
+        finder = Searched(found)
+        assert played(thinking(finder), [POOR] * 9) == []
+        assert finder.searched == [5, 7]
+
+
+class Scored:
+    def __init__(self, score: float) -> None:
+        self.score = score
+
+
+def test_a_pose_is_replaced_by_what_fits_better_and_is_surely_right() -> None:
+    followed = Scored(0.5)
+    for score, right, is_preferred in ((0.54, 0.9, True), (0.52, 1.0, False), (0.9, 0.89, False)):
+        assert SecondThoughts.prefer(Scored(score), right, followed) is is_preferred  # type: ignore[arg-type]
+
+
+def test_a_part_that_is_followed_beside_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    part: Part = bracket(shift=(0.0, 0.0, 0.0))
+    truth = poses(part, looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3), 30, np.zeros(6))
+    images = [draw([(part, pose)], k, LARGE) for k, pose in enumerate(truth)]
+    model = prepared(part)
+    model = replace(model, views=make_views(part, model.best_generator()))
+    beside = move_pose(truth[0], part.box_centre, np.array([0.0, 0.0, 0.4, 12.0, -8.0, 60.0]))
+
+    def fits_somewhat(_: Tracker, solution: Solution) -> float:
+        """The part never counts as lost."""
+        return 0.97 if add_percent(part, solution.cam_T_obj, truth[0]) < 5.0 else 0.6
+
+    follow = Pursuit.follow
+
+    def stuck(pursuit: Pursuit, frame: Frame, clock: Stopwatch) -> tuple[FloatArray, Solution | None]:
+        """What is beside the part stays there."""
+        if add_percent(part, pursuit.predicted, truth[0]) < 5.0:
+            return follow(pursuit, frame, clock)
+        seen = pursuit.look(frame, pursuit.predicted, clock)
+        assert seen is not None
+        return pursuit.predicted, pursuit.solver.look_at(seen, seen.view.at_pose(beside), LOOK_LEVEL, clock)
+
+    monkeypatch.setattr(Tracker, "_quality", fits_somewhat)
+    monkeypatch.setattr(Pursuit, "follow", stuck)
+    off = {}
+    for name, poor_frames in (("with", 5), ("without", 0)):
+        method = replace(ACP, recovery=Off(), sight=Off(), way_back=WayBack(poor_frames=poor_frames))
+        tracker = Tracker(model, method)
+        tracker.start(Frame(0, images[0], LARGE), truth[0])
+        tracker._pursuit.restart(beside)
+        results = [tracker.track(Frame(k, images[k], LARGE)) for k in range(1, len(images))]
+        off[name] = [add_percent(part, result.cam_T_obj, truth[0]) for result in results]
+    assert min(off["without"]) > 10.0
+    assert min(off["with"][:5]) > 10.0
+    assert max(off["with"][-10:]) < 2.0
