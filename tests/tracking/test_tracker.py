@@ -925,7 +925,7 @@ def test_what_is_read_again_later_is_a_copy_of_the_image(model: PreparedPart, se
     assert isinstance(frame, Frame)
     image = frame.image.copy()
     first = FirstFrame(replace(frame, image=image), sequence.first_pose, 0)
-    search = way_back._Search(Finder(model), replace(frame, image=image), 1, None)
+    search = way_back.Search(Finder(model), replace(frame, image=image), 1, None)
     image[:] = 0
     np.testing.assert_array_equal(first._frame.image, frame.image)
     np.testing.assert_array_equal(search.frame.image, frame.image)
