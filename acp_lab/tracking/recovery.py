@@ -6,7 +6,8 @@ ring around it; while the part is lost and no `way_back` looks for it, a wide se
 in, less and less often.
 `Alternatives`, for methods that see regions too, lets these go first, without the motion prior. Where even these fit
 far worse, the part may have moved or turned further than any of them reaches: then a cloud of poses is searched, and a
-wide one, once, where the first shows nothing that fits well. What fits badly even there is taken where it stands out.
+wide one where that shows nothing that fits well and the frame before did. What fits badly even there is taken where it
+stands out.
 """
 
 from __future__ import annotations
@@ -84,8 +85,8 @@ class Alternatives:
             never.
         cloud: its poses.
         wide_below: share of the running mean score. Where the best of the cloud does not reach it, and the frame
-            before called for no cloud, a wide one is searched as well, and only what reaches it there is taken for
-            better: among so many poses some fit better than the true one of a covered part. 0 for never.
+            before did, a wide one is searched as well, and only what reaches it there is taken for better: among so
+            many poses some fit better than the true one of a covered part. 0 for never.
         wide_cloud: its poses.
         stands_out_above, stands_out_by: shares of the running mean score. What reaches neither of these is taken all
             the same where it is above the first, and above all that was found elsewhere by the second: in a frame
@@ -122,7 +123,7 @@ class Alternatives:
 
 @dataclass(frozen=True)
 class WayBack:
-    """Configuration: while the part is lost the detector looks for it, see `way_back`.
+    """Configuration: the detector looks for a part that is lost, see `way_back`, and around one that fits poorly.
 
     Attributes:
         budget: work per frame, see `detection.work`: about as many microseconds.
@@ -145,7 +146,7 @@ class WayBack:
             raise TrackingError(f"way_back.budget = {self.budget:g}: give a number above 0")
         if not 1 <= self.proposals <= 100:
             raise TrackingError(f"way_back.proposals = {self.proposals}: give 1 to 100")
-        if not 0 <= self.poor_frames <= 1_000_000:
+        if self.poor_frames < 0:
             raise TrackingError(f"way_back.poor_frames = {self.poor_frames}: give 0, for never, or more")
         for name in ("least_score", "least_score_near", "poor_below"):
             if not 0.0 <= getattr(self, name) <= 1.0:
@@ -281,8 +282,8 @@ def _in_cloud(
     best = _reaching(least, found)
     well = config.wide_below * situation.mean_score
     if well > 0.0 and not situation.is_lost and _reaching(well, found) is None:
-        # Once: what is not found at the leap is covered, or the detector looks for it soon.
-        if situation.last_score >= least:
+        # What is not found at the leap is covered, or the detector looks for it soon.
+        if situation.last_score >= well:
             found += solutions_in_cloud(solver, seen, situation.predicted, config.wide_cloud)
             found.sort(key=lambda solution: -solution.score)
         best = _reaching(well, found) or best or _standing_out(found, reached, situation, config, solver.part)

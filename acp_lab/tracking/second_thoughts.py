@@ -11,13 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import rotation_angle_deg
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Finder
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.solution import Solution
-from acp_lab.tracking.way_back import Reach, Search, moved_on
+from acp_lab.tracking.way_back import Reach, Search, appears_px, moved_on
 
 AROUND = Reach(30.0, 1.3, 60.0)
 """A pose that drifted, the right one is found."""
@@ -41,6 +44,7 @@ class SecondThoughts:
         """There is nothing to think of."""
         self._poor_frames = 0
         self._search: Search | None = None
+        self._followed = np.eye(4)  # when the search began
 
     def take_in(self, quality: float, is_lost: bool) -> None:
         """How well a frame fitted; a lost part is looked for by others."""
@@ -57,17 +61,25 @@ class SecondThoughts:
         if not 0 < self._config.poor_frames <= self._poor_frames:
             return []
         if self._search is None:
-            self._search = Search(self._finder(), frame, _TRIED, AROUND.of(cam_T_obj), 0)
+            around = AROUND.of(cam_T_obj, appears_px(self._part, frame.camera, cam_T_obj))
+            self._search, self._followed = Search(self._finder(), frame, _TRIED, around, 0), cam_T_obj
         search = self._search
         search.go_on(_BUDGET_SHARE * self._config.budget)
         if not search.is_done:
             return []
         self._search = None
         found = (one.cam_T_obj for one in search.result or () if one.score >= LEAST_SCORE)
-        elsewhere = [pose for pose in found if not self._finder().is_same(pose, (cam_T_obj,))]
+        elsewhere = [self._unturned(pose) for pose in found if not self._finder().is_same(pose, (self._followed,))]
         return [now for pose in elsewhere for now in moved_on(self._part, pose, search.frame, frame)]
 
-    @staticmethod
-    def prefer(proposed: Solution, right: float, followed: Solution) -> bool:
+    def prefer(self, proposed: Solution, right: float, followed: Solution) -> bool:
         """Whether a solution from a proposal, with the probability that its pose is right, replaces the other."""
-        return right >= _SURELY_RIGHT and proposed.score > followed.score + _GAIN
+        if right < _SURELY_RIGHT or proposed.score <= followed.score + _GAIN:
+            return False
+        return not self._finder().is_same(proposed.cam_T_obj, (followed.cam_T_obj,))
+
+    def _unturned(self, cam_T_obj: FloatArray) -> FloatArray:
+        """Of the equal poses of a symmetric part the one nearest to the pose that was followed."""
+        equal = cam_T_obj @ self._part.symmetries.transforms()
+        nearest = min(equal, key=lambda pose: rotation_angle_deg(pose[:3, :3], self._followed[:3, :3]))
+        return np.asarray(nearest)

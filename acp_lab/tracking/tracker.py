@@ -86,8 +86,9 @@ class Tracker:
         self._finder = LateFinder(model)
         self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back, self._finder)
         # Without stored views a frame would have to wait for them, which only a lost part is worth.
+        thinks = model.views is not None and not isinstance(self.method.confidence, Off)  # else nothing is surely right
         self._second_thoughts = (
-            None if isinstance(way_back, Off) or model.views is None else SecondThoughts(model, way_back, self._finder)
+            None if isinstance(way_back, Off) or not thinks else SecondThoughts(model, way_back, self._finder)
         )
         self._forget()
 
@@ -193,6 +194,8 @@ class Tracker:
             self._fitted = False
             changed = self._states.update(0.0)
             note = f"{frame.reason}; {changed}" if changed else frame.reason
+            if self._second_thoughts is not None:
+                self._second_thoughts.forget()
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         frame = self._steady(frame, clock)
         self.solver.magnify(frame.camera, self.predicted)
@@ -203,7 +206,8 @@ class Tracker:
             predicted, solution = pursuit.follow(frame, clock)
             if not self._is_lost or self._way_back is None:
                 solution = pursuit.recover(frame, predicted, solution, clock, self._states)
-            solution = self._reconsidered(frame, solution, clock)
+        other = None if proposals else self._reconsidered(frame, solution, clock)
+        solution = other or solution
         quality = 0.0 if solution is None else self._quality(solution)
         if solution is not None and self._states.may_begin_to_track(quality):
             self._states.doubted = self._doubts(frame, solution, quality)
@@ -224,6 +228,9 @@ class Tracker:
             pursuit.restart(solution.cam_T_obj if fits else self._last_seen)
             if fits:
                 pursuit.remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
+        elif other is not None:
+            pursuit.begin(solution, solution.score)  # nor is this
+            pursuit.remember(frame, solution.cam_T_obj)
         else:
             pursuit.go_on_from(solution, quality)
         if not self._is_lost:
@@ -236,7 +243,11 @@ class Tracker:
             pursuit.usual.take_in(solution)
         if self._second_thoughts is not None:
             self._second_thoughts.take_in(quality, self._is_lost)
-        return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(predicted) or note)
+        if other is not None:
+            note = "; ".join(filter(None, ("the detector finds it elsewhere", note)))
+        # Where the region was chosen at.
+        at = predicted if other is None and not proposals else solution.cam_T_obj
+        return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(at) or note)
 
     def run(
         self,
@@ -400,18 +411,20 @@ class Tracker:
         return way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
 
     def _reconsidered(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Solution | None:
-        """The solution of a frame, or what the detector's second thoughts led to."""
+        """What the detector's second thoughts of a frame's solution lead to; None where that stays."""
         thoughts, pursuit = self._second_thoughts, self._pursuit
-        if thoughts is None or solution is None or self._is_lost or self._states.doubted:
-            return solution
+        if thoughts is None:
+            return None
+        if solution is None or self._is_lost or self._states.doubted:
+            thoughts.forget()
+            return None
         clock.lap()
         proposals, region = thoughts.proposals(frame, solution.cam_T_obj), pursuit.region
         clock.search_s += clock.lap()
         best = pursuit.best_of(frame, proposals, clock)
         if best is None or not thoughts.prefer(best, self._right(best), solution):
             pursuit.region = region
-            return solution
-        pursuit.restart(best.cam_T_obj)  # a leap is no velocity
+            return None
         return best
 
     def _look_again(self, frame: Frame, solution: Solution, clock: Stopwatch) -> str:

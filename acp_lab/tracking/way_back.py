@@ -25,6 +25,7 @@ from acp_lab.cad.part import Part, box_corners
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Errand
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
@@ -76,6 +77,12 @@ class Reach:
             # Where it is magnified a margin has more px, which take longer; and a part far away moves by fewer.
             around_px /= _MAGNIFICATION.times(size_px) ** 0.5
         return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, around_px)
+
+
+def appears_px(part: Part, camera: Camera, cam_T_obj: FloatArray) -> float:
+    """How long a part's diameter appears at a pose (4, 4)."""
+    depth = float(transform(cam_T_obj, part.box_centre)[2])
+    return part.diameter * camera.fx / max(depth, 1e-6)
 
 
 def moved_on(part: Part, cam_T_obj: FloatArray, searched: Frame, frame: Frame) -> list[FloatArray]:
@@ -203,11 +210,6 @@ class Reacquisition:
             self._looks = 0  # the next doubt is another one
         return verdict
 
-    def _size_px(self, frame: Frame, cam_T_obj: FloatArray) -> float:
-        """How long the part appears at a pose (4, 4)."""
-        depth = float(transform(cam_T_obj, self._model.part.box_centre)[2])
-        return self._model.part.diameter * frame.camera.fx / max(depth, 1e-6)
-
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
         most = self._config.proposals
@@ -222,7 +224,7 @@ class Reacquisition:
             if self._near is None:
                 around, self._around = self._around, None
                 place = last_seen if around is None else around
-                near = NEAR.of(place, self._size_px(frame, place))
+                near = NEAR.of(place, appears_px(self._model.part, frame.camera, place))
                 # Not aligned: the tracker does that in the frame in which it tries them.
                 self._near = Search(self._finder(), frame, most, near, 0)
             search = self._near

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
 from acp_lab.detection.view_templates import make_views
 from acp_lab.detection.work import Steps
@@ -14,7 +16,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.find import Detection
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
@@ -69,11 +71,20 @@ def frame(index: int) -> Frame:
     return Frame(index, np.zeros((4, 4, 3), np.uint8), Camera(4, 4, 4.0, 4.0, 1.5, 1.5))
 
 
-def played(thoughts: SecondThoughts, qualities: list[float], lost: tuple[int, ...] = ()) -> list[int]:
-    """In which frames something is proposed."""
+def here(index: int) -> FloatArray:
+    return HERE
+
+
+def played(
+    thoughts: SecondThoughts,
+    qualities: list[float],
+    lost: tuple[int, ...] = (),
+    at: Callable[[int], FloatArray] = here,
+) -> list[int]:
+    """In which frames something is proposed; at: where the part is followed."""
     proposed = []
     for index, quality in enumerate(qualities):
-        if index not in lost and thoughts.proposals(frame(index), HERE):
+        if index not in lost and thoughts.proposals(frame(index), at(index)):
             proposed.append(index)
         thoughts.take_in(quality, index in lost)
     return proposed
@@ -111,15 +122,69 @@ def test_what_is_found_where_the_part_is_followed_or_is_unlikely_is_not_proposed
         assert finder.searched == [5, 7]
 
 
+def test_what_is_found_where_the_part_was_when_it_was_searched_is_not_proposed() -> None:
+    """A part that is followed rightly has moved on since."""
+
+    def moving(index: int) -> FloatArray:
+        pose = np.eye(4)
+        pose[0, 3] = 8.0 * index
+        return pose
+
+    for started, proposed in ((5, []), (6, [8])):
+        finder = Searched([(moving(started), 0.9)], frames=3)
+        assert played(thinking(finder), [POOR] * 9, at=moving) == proposed
+
+
+def test_of_equal_poses_of_a_symmetric_part_the_nearest_is_proposed() -> None:
+    flipped = np.diag([-1.0, -1.0, 1.0, 1.0])
+    part = replace(bracket(shift=(0.0, 0.0, 0.0)), symmetries=Symmetries(discrete=(flipped,)))
+    thoughts = SecondThoughts(prepared(part), WayBack(), lambda: Searched([(ELSEWHERE @ flipped, 0.5)]))  # type: ignore[arg-type, return-value]
+    for _ in range(5):
+        thoughts.take_in(POOR, False)
+    assert thoughts.proposals(frame(5), HERE) == []
+    (found,) = thoughts.proposals(frame(6), HERE)
+    np.testing.assert_allclose(found, ELSEWHERE, atol=1e-12)
+
+
 class Scored:
-    def __init__(self, score: float) -> None:
-        self.score = score
+    def __init__(self, score: float, cam_T_obj: FloatArray) -> None:
+        self.score, self.cam_T_obj = score, cam_T_obj
 
 
-def test_a_pose_is_replaced_by_what_fits_better_and_is_surely_right() -> None:
-    followed = Scored(0.5)
-    for score, right, is_preferred in ((0.54, 0.9, True), (0.52, 1.0, False), (0.9, 0.89, False)):
-        assert SecondThoughts.prefer(Scored(score), right, followed) is is_preferred  # type: ignore[arg-type]
+def test_a_pose_is_replaced_by_what_fits_better_elsewhere_and_is_surely_right() -> None:
+    thoughts, followed = thinking(Searched([])), Scored(0.5, HERE)
+    for score, pose, right, is_preferred in (
+        (0.54, ELSEWHERE, 0.9, True),
+        (0.52, ELSEWHERE, 1.0, False),
+        (0.9, ELSEWHERE, 0.89, False),
+        (0.9, HERE, 1.0, False),
+    ):
+        assert thoughts.prefer(Scored(score, pose), right, followed) is is_preferred  # type: ignore[arg-type]
+
+
+def test_a_gap_is_no_row_of_frames() -> None:
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    pose = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    model = prepared(part)
+    model = replace(model, views=make_views(part, model.best_generator()))
+    tracker = Tracker(model, replace(ACP, way_back=WayBack(poor_below=1.0)))
+    thoughts = tracker._second_thoughts
+    assert thoughts is not None
+    shown = Frame(0, draw([(part, pose)], 0, LARGE), LARGE)
+    tracker.start(shown, pose)
+    for k in range(1, 4):
+        tracker.track(replace(shown, index=k))
+    assert thoughts._poor_frames == 3
+    tracker.track(UnreadableFrame(4, LARGE, "gone"))
+    assert thoughts._poor_frames == 0
+
+
+def test_methods_without_a_probability_have_no_second_thoughts() -> None:
+    model = prepared(bracket())
+    model = replace(model, views=make_views(model.part, model.best_generator()))
+    assert Tracker(model)._second_thoughts is not None
+    assert Tracker(model, replace(ACP, confidence=Off()))._second_thoughts is None
+    assert Tracker(replace(model, views=None))._second_thoughts is None
 
 
 def test_a_part_that_is_followed_beside_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,14 +211,22 @@ def test_a_part_that_is_followed_beside_itself_is_found(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(Tracker, "_quality", fits_somewhat)
     monkeypatch.setattr(Pursuit, "follow", stuck)
-    off = {}
+    off, notes = dict[str, list[float]](), list[str]()
     for name, poor_frames in (("with", 5), ("without", 0)):
         method = replace(ACP, recovery=Off(), sight=Off(), way_back=WayBack(poor_frames=poor_frames))
         tracker = Tracker(model, method)
         tracker.start(Frame(0, images[0], LARGE), truth[0])
         tracker._pursuit.restart(beside)
-        results = [tracker.track(Frame(k, images[k], LARGE)) for k in range(1, len(images))]
-        off[name] = [add_percent(part, result.cam_T_obj, truth[0]) for result in results]
+        off[name] = []
+        for k in range(1, len(images)):
+            result = tracker.track(Frame(k, images[k], LARGE))
+            off[name].append(add_percent(part, result.cam_T_obj, truth[0]))
+            if "elsewhere" in result.note:
+                notes.append(result.note)
+                # How fast it is nobody knows.
+                assert not tracker._pursuit.predictor.is_sure(LARGE)
+                assert tracker._pursuit.predictor.motion is None
     assert min(off["without"]) > 10.0
     assert min(off["with"][:5]) > 10.0
     assert max(off["with"][-10:]) < 2.0
+    assert notes == ["the detector finds it elsewhere"]
