@@ -89,7 +89,7 @@ class TrackResult:
             image edge assigned to it, NaN where none was; None where nothing was seen.
         iterations: of the solver, on all levels of the solution that was accepted.
         timings: wall seconds per stage.
-        note: reason of a state change, of a pose that the detector replaced, or of an unreadable frame; empty otherwise.
+        note: reason of a state change, of a pose that the detector replaced, or of an unreadable frame; else empty.
         steps: the iterations that led to the pose, in their order; empty unless the tracker's `records_steps`
             is set.
         covariance: (6, 6) of a pose step (rad, mm) about the part's centre, in camera axes, given that the part is
