@@ -24,13 +24,12 @@ limit_threads(1)  # before NumPy is imported
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
-from acp_lab.cad.part import Part  # noqa: E402
 from acp_lab.errors import TrackingError  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
-from acp_lab.geometry.arrays import FloatArray  # noqa: E402
-from acp_lab.geometry.pose import disturb_pose, transform  # noqa: E402
+from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
+from acp_lab.tracking.magnification import appears_px  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.method_file import read_method  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
@@ -103,7 +102,7 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[SizedRun]:
     frames = [frame for frame in frames if frame.index in truths]
     frames = frames[next(number for number, frame in enumerate(frames) if counts[frame.index]) :]
     middle = frames[len(frames) // 2]
-    now_px = appears_px(middle, model.part, truths[middle.index])
+    now_px = appears_px(model.part, middle.camera, truths[middle.index])
     for size_px in SIZES_PX:
         if size_px > now_px:
             continue
@@ -123,11 +122,6 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[SizedRun]:
                     errors.append(metric.share(result.cam_T_obj, truths[frame.index]))
                     said.append(result.right)
             yield SizedRun(size_px, start, np.array(errors), np.array(said))
-
-
-def appears_px(frame: Frame, part: Part, cam_T_obj: FloatArray) -> float:
-    """How long a part's diameter appears in a frame at a pose (4, 4)."""
-    return part.diameter * frame.camera.fx / float(transform(cam_T_obj, part.box_centre)[2])
 
 
 def scaled(frame: Frame, scale: float) -> Frame:

@@ -41,13 +41,14 @@ from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.frame_view import crop_box  # noqa: E402
+from acp_lab.tracking.magnification import appears_px  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.method_file import read_method  # noqa: E402
 from acp_lab.tracking.result import TrackState  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import covered  # noqa: E402
-from benchmarks.part_sizes import appears_px, scaled  # noqa: E402
+from benchmarks.part_sizes import scaled  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
 
@@ -150,7 +151,8 @@ def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str], siz
     known = [(f, t) for f, t in zip(frames, truths, strict=True) if t is not None]
     scale = 1.0
     if size_px is not None:
-        scale = min(size_px / appears_px(known[len(known) // 2][0], model.part, known[len(known) // 2][1]), 1.0)
+        middle, truth = known[len(known) // 2]
+        scale = min(size_px / appears_px(model.part, middle.camera, truth), 1.0)
         known = [(scaled(frame, scale), truth) for frame, truth in known]
     for number, kind in enumerate(kinds):
         walk = _walk(kind, known, model, scale * NEAR_PX)
@@ -224,11 +226,11 @@ def _play(walk: Walk, known: list[tuple[Frame, Any]], tracker: Tracker, metric: 
 
 def longest(flags: list[bool]) -> int:
     """How many in the longest row are true."""
-    longest = run = 0
+    most = run = 0
     for flag in flags:
         run = run + 1 if flag else 0
-        longest = max(longest, run)
-    return longest
+        most = max(most, run)
+    return most
 
 
 def _told(one: Return) -> str:

@@ -30,9 +30,10 @@ from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.find import ACCEPTED, Finder  # noqa: E402
+from acp_lab.tracking.magnification import appears_px  # noqa: E402
 from acp_lab.tracking.snap import SnapConfig, snap  # noqa: E402
 from benchmarks import measured  # noqa: E402
-from benchmarks.part_sizes import appears_px, scaled  # noqa: E402
+from benchmarks.part_sizes import scaled  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
 
@@ -99,7 +100,7 @@ def _in_scene(scene: BopScene, parts: Path) -> Iterator[Found]:
         truth = scene.truth(frames[number].index, object_id)
         if truth is None:
             continue
-        now_px = appears_px(frames[number], model.part, truth)
+        now_px = appears_px(model.part, frames[number].camera, truth)
         for size_px in SIZES_PX:
             if size_px is not None and size_px > now_px:
                 continue

@@ -20,10 +20,9 @@ from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import VisibleSamples, project_samples
 from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.pose import transform
 from acp_lab.imaging.edge_search import AS_THEY_ARE, image_patch, search_along_normals
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.magnification import Magnification
+from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, appears_px
 from acp_lab.tracking.schedule import PixelSchedule
 
 MOST_POINTS = 800
@@ -157,17 +156,13 @@ class PartObserver:
 
     def reach_px(self, camera: Camera, cam_T_obj: FloatArray) -> int:
         """How far `acp`'s first level searches, in px of the frame; less for a part that appears small."""
-        size_px = self._size_px(camera, cam_T_obj)
-        times = Magnification().times(size_px)
+        size_px = appears_px(self.part, camera, cam_T_obj)
+        times = USUAL_MAGNIFICATION.times(size_px)
         return round(PixelSchedule().at(times * size_px)[0].reach_px / times)
 
     def leap_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:
         """How far a part may have gone that was not found, px of the frame: five times a first level's reach."""
-        return 5.0 * PixelSchedule().at(self._size_px(camera, cam_T_obj))[0].reach_px
-
-    def _size_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:
-        depth = float(transform(cam_T_obj, self.part.box_centre)[2])
-        return self.part.diameter * camera.fx / max(depth, 1e-6)
+        return 5.0 * PixelSchedule().at(appears_px(self.part, camera, cam_T_obj))[0].reach_px
 
 
 def _common(ids: IntArray, others: IntArray) -> tuple[IntArray, IntArray]:

@@ -25,7 +25,7 @@ from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, check_frame
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.magnification import Magnification, MagnifyingGlass
+from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, MagnifyingGlass, appears_px
 from acp_lab.tracking.method import method_named
 from acp_lab.tracking.search import WIDE_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -36,7 +36,6 @@ ALIGNED, ALIGNED_NEAR = 12, 4
 LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
 """Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
 _RIVALS = 8
-_MAGNIFICATION = Magnification()
 _MOST_PIXELS = 2_500_000
 """Of a magnified image that is searched."""
 _MARGIN_PX = 40.0
@@ -157,12 +156,11 @@ class Finder:
 
     def _looks_near(self, frame: Frame, prior: PosePrior) -> Steps[list[_Looked]]:
         """The one image that a search near a pose is of."""
-        centre_cam = transform(prior.cam_T_obj, self.model.part.box_centre)
-        size_px = self.model.part.diameter * frame.camera.fx / max(float(centre_cam[2]), 1e-6)
+        size_px = appears_px(self.model.part, frame.camera, prior.cam_T_obj)
         # For the part at the rim of where it may be.
         room_px = prior.depth_ratio * size_px
         reach_px = (np.inf if prior.around_px is None else prior.around_px) + 1.5 * room_px
-        times = min(_MAGNIFICATION.times(size_px), _most_times(frame.camera, reach_px)) if centre_cam[2] > 0.0 else 1
+        times = min(USUAL_MAGNIFICATION.times(size_px), _most_times(frame.camera, reach_px))
         box = None
         if prior.around_px is not None and times > 1:
             camera = MagnifyingGlass.of(times).camera(frame.camera)
@@ -180,8 +178,8 @@ class Finder:
     def _looks(self, frame: Frame) -> Steps[list[_Looked]]:
         """The images of a search everywhere: the frame, and magnified twice and so on for a part farther away."""
         depths = self.detector.depths(frame.camera)
-        limit_mm = self.model.part.diameter * frame.camera.fx / _MAGNIFICATION.below_px
-        most = min(_MAGNIFICATION.most, _most_times(frame.camera))
+        limit_mm = self.model.part.diameter * frame.camera.fx / USUAL_MAGNIFICATION.below_px
+        most = min(USUAL_MAGNIFICATION.most, _most_times(frame.camera))
         looks = list[_Looked]()
         times, near = 1, 0.0
         while times <= most:

@@ -19,10 +19,12 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
+from acp_lab.cad.part import Part
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.result import TargetView, TrackStep
 
@@ -62,6 +64,16 @@ class Magnification:
         if size_px >= self.below_px:
             return 1
         return min(max(math.ceil(self.wanted_px / max(size_px, 1e-6)), 1), self.most)
+
+
+USUAL_MAGNIFICATION = Magnification()
+"""Of who looks for a part, whatever method tracks it."""
+
+
+def appears_px(part: Part, camera: Camera, cam_T_obj: FloatArray) -> float:
+    """How long a part's diameter appears at a pose (4, 4); far too long for one behind the camera."""
+    depth = float(transform(cam_T_obj, part.box_centre)[2])
+    return part.diameter * camera.fx / max(depth, 1e-6)
 
 
 class MagnifyingGlass:

@@ -18,19 +18,20 @@ from acp_lab.geometry.pose import rotation_angle_deg
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Finder
+from acp_lab.tracking.magnification import appears_px
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.solution import Solution
-from acp_lab.tracking.way_back import Reach, Search, appears_px, moved_on
+from acp_lab.tracking.way_back import Reach, Search, moved_on
 
 AROUND = Reach(30.0, 1.3, 60.0)
-"""A pose that drifted, the right one is found."""
+"""A pose that may have drifted, the right one is looked for."""
 LEAST_SCORE = 0.1
 """Of a hypothesis that is tried: of a part half covered no hypothesis is likely."""
 _TRIED = 2
 _BUDGET_SHARE = 0.4
 """As a rule the part is where it is followed: its frames stay short."""
-_GAIN = 0.03
-_SURELY_RIGHT = 0.9
+_GAIN, _SURELY_RIGHT = 0.03, 0.9
+"""How much higher a proposal must score, and how probably its pose must be right, to replace another."""
 
 
 class SecondThoughts:
@@ -44,7 +45,6 @@ class SecondThoughts:
         """There is nothing to think of."""
         self._poor_frames = 0
         self._search: Search | None = None
-        self._followed = np.eye(4)  # when the search began
 
     def take_in(self, quality: float, is_lost: bool) -> None:
         """How well a frame fitted; a lost part is looked for by others."""
@@ -62,14 +62,14 @@ class SecondThoughts:
             return []
         if self._search is None:
             around = AROUND.of(cam_T_obj, appears_px(self._part, frame.camera, cam_T_obj))
-            self._search, self._followed = Search(self._finder(), frame, _TRIED, around, 0), cam_T_obj
+            self._search = Search(self._finder(), frame, _TRIED, around, 0)
         search = self._search
         search.go_on(_BUDGET_SHARE * self._config.budget)
-        if not search.is_done:
+        if not search.is_done or search.prior is None:
             return []
-        self._search = None
+        self._search, followed = None, search.prior.cam_T_obj  # then: it has moved since
         found = (one.cam_T_obj for one in search.result or () if one.score >= LEAST_SCORE)
-        elsewhere = [self._unturned(pose) for pose in found if not self._finder().is_same(pose, (self._followed,))]
+        elsewhere = [self._unturned(pose, followed) for pose in found if not self._finder().is_same(pose, (followed,))]
         return [now for pose in elsewhere for now in moved_on(self._part, pose, search.frame, frame)]
 
     def prefer(self, proposed: Solution, right: float, followed: Solution) -> bool:
@@ -78,8 +78,8 @@ class SecondThoughts:
             return False
         return not self._finder().is_same(proposed.cam_T_obj, (followed.cam_T_obj,))
 
-    def _unturned(self, cam_T_obj: FloatArray) -> FloatArray:
-        """Of the equal poses of a symmetric part the one nearest to the pose that was followed."""
+    def _unturned(self, cam_T_obj: FloatArray, near: FloatArray) -> FloatArray:
+        """Of the equal poses (4, 4) of a symmetric part the one that is turned least from another."""
         equal = cam_T_obj @ self._part.symmetries.transforms()
-        nearest = min(equal, key=lambda pose: rotation_angle_deg(pose[:3, :3], self._followed[:3, :3]))
+        nearest = min(equal, key=lambda pose: rotation_angle_deg(pose[:3, :3], near[:3, :3]))
         return np.asarray(nearest)

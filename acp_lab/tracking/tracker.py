@@ -85,8 +85,8 @@ class Tracker:
         self._expected_error = ExpectedError(model.part)
         self._finder = LateFinder(model)
         self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back, self._finder)
-        # Without stored views a frame would have to wait for them, which only a lost part is worth.
-        thinks = model.views is not None and not isinstance(self.method.confidence, Off)  # else nothing is surely right
+        # Views that are not stored take long, which only a lost part is worth; without a probability nothing is sure.
+        thinks = model.views is not None and not isinstance(self.method.confidence, Off)
         self._second_thoughts = (
             None if isinstance(way_back, Off) or not thinks else SecondThoughts(model, way_back, self._finder)
         )
@@ -229,7 +229,7 @@ class Tracker:
             if fits:
                 pursuit.remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
         elif other is not None:
-            pursuit.begin(solution, solution.score)  # nor is this
+            pursuit.begin(solution, solution.score)  # a leap, too, and how well the wrong pose fitted says nothing
             pursuit.remember(frame, solution.cam_T_obj)
         else:
             pursuit.go_on_from(solution, quality)

@@ -25,12 +25,11 @@ from acp_lab.cad.part import Part, box_corners
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Errand
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
-from acp_lab.tracking.magnification import Magnification
+from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, appears_px
 from acp_lab.tracking.picture import PictureSearch, take_picture
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.search import shifted
@@ -42,7 +41,6 @@ LEAST_SEARCH_WORK = 1_000.0
 """Of a search, though it look at next to nothing: thousands of those would fit into a frame's budget."""
 PICTURE = PictureSearch(reach=1.0)
 """Of the part in the frame that was searched: a fast one moves by its own size until the search ends."""
-_MAGNIFICATION = Magnification()
 
 
 class Search(Errand[tuple[Detection, ...]]):
@@ -75,14 +73,8 @@ class Reach:
         around_px = self.around_px
         if around_px is not None:
             # Where it is magnified a margin has more px, which take longer; and a part far away moves by fewer.
-            around_px /= _MAGNIFICATION.times(size_px) ** 0.5
+            around_px /= USUAL_MAGNIFICATION.times(size_px) ** 0.5
         return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, around_px)
-
-
-def appears_px(part: Part, camera: Camera, cam_T_obj: FloatArray) -> float:
-    """How long a part's diameter appears at a pose (4, 4)."""
-    depth = float(transform(cam_T_obj, part.box_centre)[2])
-    return part.diameter * camera.fx / max(depth, 1e-6)
 
 
 def moved_on(part: Part, cam_T_obj: FloatArray, searched: Frame, frame: Frame) -> list[FloatArray]:
