@@ -42,14 +42,24 @@ class MotionPrior:
     """Configuration: the pose stays near the predicted one, as near as the prediction knows.
 
     Control points as variables are held by the pose next to them; what no rigid motion makes of them stays free.
+
+    Attributes:
+        weight: of the prediction's information. Less than 1, as its error is no new one in each frame: a motion that
+            changes is predicted wrongly for several frames in the same direction.
     """
 
     kind: ClassVar[str] = "motion"
+    weight: float = 0.35
+
+    def __post_init__(self) -> None:
+        _check(self.weight)
 
     def bind(self, variables: ControlPointVariables | PoseVariables, at: Estimate) -> Prior | None:
         """The prior of a level; None where the prediction does not know how sure it is."""
         information = at.view.prior_information
-        return None if information is None else _MotionPrior(information, variables.pose_jacobian(at))
+        if information is None:
+            return None
+        return _MotionPrior(self.weight * information, variables.pose_jacobian(at))
 
 
 @dataclass(frozen=True)

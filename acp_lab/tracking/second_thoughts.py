@@ -4,7 +4,11 @@ A pose may drift, in each frame a little: with the rim of a hand, say, that cove
 Nothing about that is sudden, so no other start is tried, and at the wrong pose so much fits that the part never counts
 as lost, not even when the hand is gone. So while a part fits poorly the detector looks around it, a little in each
 frame, and the frame is solved from what it finds, too. That replaces the pose only where it fits better and is surely
-right: half a part resembles many things. (Not in the paper.)
+right: half a part resembles many things.
+
+So it does once around a part that was lost and is back, however well it fits. Until it has found the part there, or
+the part has fitted well for some frames, this is on probation, and teaches nothing: a wrong pose that teaches how its
+edges look soon fits as well as the right one. (Not in the paper.)
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from acp_lab.tracking.find import Finder
 from acp_lab.tracking.magnification import appears_px
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.solution import Solution
-from acp_lab.tracking.way_back import Reach, Search, moved_on
+from acp_lab.tracking.way_back import SURE_FRAMES, Reach, Search, moved_on
 
 AROUND = Reach(30.0, 1.3, 60.0)
 """A pose that may have drifted, the right one is looked for."""
@@ -32,6 +36,8 @@ _BUDGET_SHARE = 0.4
 """As a rule the part is where it is followed: its frames stay short."""
 _GAIN, _SURELY_RIGHT = 0.03, 0.9
 """How much higher a proposal must score, and how probably its pose must be right, to replace another."""
+_SEARCHES, _FOUND = 3, 0.5
+"""Of a part on probation, at most, and the score from which on one says where it is."""
 
 
 class SecondThoughts:
@@ -43,24 +49,34 @@ class SecondThoughts:
 
     def forget(self) -> None:
         """There is nothing to think of."""
-        self._poor_frames = 0
+        self._poor_frames = self._good_frames = self._owed = 0
         self._search: Search | None = None
+
+    @property
+    def on_probation(self) -> bool:
+        """Whether a part that was lost has yet to be found by the detector, too."""
+        return self._owed > 0
 
     def take_in(self, quality: float, is_lost: bool) -> None:
         """How well a frame fitted; a lost part is looked for by others."""
-        if quality < self._config.poor_below and not is_lost:
-            self._poor_frames += 1
-        else:
+        if is_lost:
             self.forget()
+            self._owed = _SEARCHES if self._config.poor_frames > 0 else 0
+        elif quality < self._config.poor_below:
+            self._poor_frames, self._good_frames = self._poor_frames + 1, 0
+        else:
+            self._poor_frames, self._good_frames = 0, self._good_frames + 1
+            if self._good_frames >= SURE_FRAMES:
+                self.forget()
 
     def proposals(self, frame: Frame, cam_T_obj: FloatArray) -> list[FloatArray]:
         """Go on looking, if it is time, around the pose (4, 4) at which a frame was solved.
 
         Poses (4, 4) elsewhere to solve it from; mostly none.
         """
-        if not 0 < self._config.poor_frames <= self._poor_frames:
-            return []
         if self._search is None:
+            if not (self.on_probation or 0 < self._config.poor_frames <= self._poor_frames):
+                return []
             around = AROUND.of(cam_T_obj, appears_px(self._part, frame.camera, cam_T_obj))
             self._search = Search(self._finder(), frame, _TRIED, around, 0)
         search = self._search
@@ -68,7 +84,9 @@ class SecondThoughts:
         if not search.is_done or search.prior is None:
             return []
         self._search, followed = None, search.prior.cam_T_obj  # then: it has moved since
-        found = (one.cam_T_obj for one in search.result or () if one.score >= LEAST_SCORE)
+        result = search.result or ()
+        self._owed = 0 if any(one.score >= _FOUND for one in result) else max(0, self._owed - 1)
+        found = (one.cam_T_obj for one in result if one.score >= LEAST_SCORE)
         elsewhere = [self._unturned(pose, followed) for pose in found if not self._finder().is_same(pose, (followed,))]
         return [now for pose in elsewhere for now in moved_on(self._part, pose, search.frame, frame)]
 

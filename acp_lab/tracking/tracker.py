@@ -44,7 +44,7 @@ from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tones import Tones
 from acp_lab.tracking.uncertainty import ExpectedError
-from acp_lab.tracking.way_back import LEAST_EXACT, Reacquisition, Verdict
+from acp_lab.tracking.way_back import LEAST_EXACT, SURE_QUALITY, Reacquisition, Verdict
 
 
 class Tracker:
@@ -218,7 +218,7 @@ class Tracker:
             self._fitted = False
             return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
         self._fitted = quality > self.method.states.found_above
-        note = self._look_again(frame, solution, clock) or note
+        note = self._look_again(frame, solution, quality, clock) or note
         fits = self._fitted  # which a second look may have denied
         if self._states.state is TrackState.TRACKING:
             self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
@@ -234,7 +234,7 @@ class Tracker:
         else:
             pursuit.go_on_from(solution, quality)
         if not self._is_lost:
-            if self._states.doubted:
+            if self._states.doubted or self._is_on_probation:
                 pursuit.remember(frame, solution.cam_T_obj)
             else:
                 self._learn(frame, solution, clock)
@@ -387,6 +387,14 @@ class Tracker:
         """In [0, 1]: the probability that its pose is right."""
         return self._quality(solution) * self._exactness(solution.cam_T_obj, self._covariance(solution))
 
+    def _is_exact(self, solution: Solution) -> bool:
+        """Whether what is seen fixes its pose."""
+        return self._exactness(solution.cam_T_obj, self._covariance(solution)) >= LEAST_EXACT
+
+    @property
+    def _is_on_probation(self) -> bool:
+        return self._second_thoughts is not None and self._second_thoughts.on_probation
+
     @property
     def _is_lost(self) -> bool:
         return self._states.state is TrackState.LOST
@@ -405,17 +413,16 @@ class Tracker:
         way_back = self._way_back
         if way_back is None:
             return False
-        exactness = self._exactness(solution.cam_T_obj, self._covariance(solution))
-        if exactness < LEAST_EXACT and not self._believed:
+        if not self._believed and not self._is_exact(solution):
             return True  # a cable looks like a plate edge-on, but it may lie anywhere along itself
         return way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
 
     def _reconsidered(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Solution | None:
         """What the detector's second thoughts of a frame's solution lead to; None where that stays."""
         thoughts, pursuit = self._second_thoughts, self._pursuit
-        if thoughts is None:
+        if thoughts is None or self._is_lost:
             return None
-        if solution is None or self._is_lost or self._states.doubted:
+        if solution is None or self._states.doubted:
             thoughts.forget()
             return None
         clock.lap()
@@ -427,7 +434,7 @@ class Tracker:
             return None
         return best
 
-    def _look_again(self, frame: Frame, solution: Solution, clock: Stopwatch) -> str:
+    def _look_again(self, frame: Frame, solution: Solution, quality: float, clock: Stopwatch) -> str:
         """Whether a part that came back elsewhere is it; the reason when the state changed."""
         if self._way_back is None or self._is_lost:
             return ""
@@ -435,7 +442,8 @@ class Tracker:
             self._way_back.forget()
             return ""
         clock.lap()
-        verdict = self._way_back.second_look(frame, solution.cam_T_obj, self._last_seen)
+        is_sure = quality >= SURE_QUALITY and self._is_exact(solution)
+        verdict = self._way_back.second_look(frame, solution.cam_T_obj, self._last_seen, is_sure)
         clock.search_s += clock.lap()
         if verdict is Verdict.WRONG:
             self._fitted = False

@@ -10,7 +10,8 @@ decides.
 A part that is back where it was, after it was lost or weak, is believed, and so is one that fits very well. Elsewhere
 something else may look like it, above all from a side from which it shows little: a plate's edge on a cable. There,
 and wherever what is seen fixes no pose (`uncertainty`), it stays weak, and teaches nothing, until a second look: the
-detector searches a frame of the return, and the pose has to win against all that it finds.
+detector searches a frame of the return, and the pose has to win against all that it finds; or fits very well for
+some frames.
 """
 
 from __future__ import annotations
@@ -104,6 +105,8 @@ SURE_QUALITY = 0.85
 """From which on a pose elsewhere is believed without a second look."""
 SECOND_LOOKS = (LIKE_LAST, ANY_SIDE)
 """Around where the part was before; what nothing contradicts in the last one is believed."""
+SURE_FRAMES = 5
+"""In a row, of such a quality: a part that needed a second look before is believed without the rest of it."""
 _SURE_RIVAL = 0.5
 """Score of what contradicts a pose."""
 
@@ -135,7 +138,7 @@ class Reacquisition:
         self._best: Detection | None = None
         self._began = False
         self._second: Search | None = None
-        self._looks = 0
+        self._looks = self._sure_frames = 0
 
     @property
     def sought(self) -> Sought | None:
@@ -176,12 +179,19 @@ class Reacquisition:
         here, there = frame.camera.project(centres_cam)
         return bool(np.linalg.norm(here - there) > (NEAR.around_px or np.inf))
 
-    def second_look(self, frame: Frame, cam_T_obj: FloatArray, last_seen: FloatArray) -> Verdict:
-        """Go on looking whether a pose (4, 4) elsewhere is the part; the better one is proposed if it is not."""
-        if self._second is None:
-            looks = self._looks
+    def second_look(self, frame: Frame, cam_T_obj: FloatArray, last_seen: FloatArray, is_sure: bool) -> Verdict:
+        """Go on looking whether a pose (4, 4) elsewhere is the part; the better one is proposed if it is not.
+
+        is_sure: whether it would need no second look if it came back now.
+        """
+        self._sure_frames = self._sure_frames + 1 if is_sure else 0
+        if self._sure_frames == SURE_FRAMES:
             self.forget()
-            self._looks, prior = looks, SECOND_LOOKS[looks].of(last_seen)
+            return Verdict.RIGHT
+        if self._second is None:
+            looks, sure_frames = self._looks, self._sure_frames
+            self.forget()
+            self._looks, self._sure_frames, prior = looks, sure_frames, SECOND_LOOKS[looks].of(last_seen)
             self._second = Search(self._finder(), frame, 1, prior, rival=cam_T_obj)
         search = self._second
         search.go_on(self._config.budget)

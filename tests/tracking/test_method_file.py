@@ -85,7 +85,7 @@ FUSED = Method(
         NormalSearch(),
         RegionLines(50, 15.0, ColourConfig(0.1, 9, 1e-4, 0.9), 3.0, 0.5, 1.5, (0.1, 0.2), 0.5, 1.0, 0.3, 2.0, 1.5, 3.0),
     ),
-    priors=(MotionPrior(), ControlPointDamping()),
+    priors=(MotionPrior(0.5), ControlPointDamping()),
     prediction=KalmanPrediction(1.0, 2.0, 0.1, 5.0, 0.15, 1.5, 2.5, 3.0, 2.0, 0.3),
     sight=PictureSearch(20, 0.5, 0.7, 0.4, 0.2, 3.0, 3.0, 5.0),
     start=TrustedStart(agreement_alone=0.65),

@@ -100,14 +100,17 @@ def test_the_motion_priors_equations_are_those_of_its_loss(
     view: View, rng: np.random.Generator, variables: ControlPointVariables | PoseVariables
 ) -> None:
     view = replace(view, prior_information=information(rng))
-    for step in rng.normal(size=(5, 6)) * np.repeat([0.01, 1.0], 3):
+    for weight, step in zip(
+        (1.0, 1.0, 0.5, 0.2, 0.2), rng.normal(size=(5, 6)) * np.repeat([0.01, 1.0], 3), strict=True
+    ):
         pose = move_pose(view.prior, view.part.box_centre, step)
         at = view.at_pose(pose)
         if isinstance(variables, ControlPointVariables):
             at = view.at_points(at.control_points)
-        prior = MotionPrior().bind(variables, at)
+        prior = MotionPrior(weight).bind(variables, at)
         assert prior is not None
-        assert prior.loss(at, TOTAL) == pytest.approx(0.5 * step @ view.prior_information @ step / TOTAL, rel=1e-4)
+        expected = weight * 0.5 * step @ view.prior_information @ step / TOTAL
+        assert prior.loss(at, TOTAL) == pytest.approx(expected, rel=1e-4)
         equations = prior.equations(at, TOTAL)
         slopes = []
         for nudge in np.eye(variables.count):
@@ -138,7 +141,7 @@ def test_the_surer_the_prediction_the_less_the_image_says(
     assert isinstance(frame, Frame)
     truth = sequence.first_pose
     predicted = move_pose(truth, part.box_centre, np.array([0.01, -0.01, 0.0, 0.8, -0.5, 0.0]))
-    solver = FrameSolver(model, replace(ACP, variables=variables, priors=(MotionPrior(), ControlPointDamping(1e-9))))
+    solver = FrameSolver(model, replace(ACP, variables=variables, priors=(MotionPrior(1.0), ControlPointDamping(1e-9))))
 
     def solved(sure: float | None) -> FloatArray:
         told = None if sure is None else sure * np.diag(np.repeat([0.01, 1.0], 3) ** -2)
@@ -157,7 +160,7 @@ def test_the_surer_the_prediction_the_less_the_image_says(
     assert lengths[-1] < 1e-4
 
 
-@pytest.mark.parametrize("kind", [ControlPointDamping, RigidityPrior])
+@pytest.mark.parametrize("kind", [ControlPointDamping, MotionPrior, RigidityPrior])
 @pytest.mark.parametrize("weight", [0.0, -1.0, float("inf"), float("nan")])
 def test_a_prior_without_weight_is_refused(kind: type, weight: float) -> None:
     with pytest.raises(TrackingError, match=r"^priors\.weight = .*: give a number above 0, or leave the prior out$"):

@@ -100,11 +100,55 @@ def test_the_detector_looks_around_a_part_that_fits_poorly_for_some_frames() -> 
     for qualities, lost in (
         ([WELL] * 11, ()),
         ([POOR, POOR, POOR, POOR, WELL] * 3, ()),
-        ([POOR] * 11, (0, 4, 8)),
+        ([POOR] * 11, tuple(range(4, 11))),
     ):
         finder = Searched([(ELSEWHERE, 0.5)])
         assert played(thinking(finder), qualities, lost) == []
         assert finder.searched == []
+
+
+def test_a_search_goes_on_when_the_part_fits_again_but_not_for_long() -> None:
+    for well, proposed in ((1, [8]), (5, [])):
+        finder = Searched([(ELSEWHERE, 0.5)], frames=well + 2)
+        assert played(thinking(finder), [POOR] * 5 + [WELL] * well + [POOR] * 3)[:1] == proposed
+
+
+@pytest.mark.parametrize(
+    ("found", "ends"),
+    [
+        ([(HERE, 0.5)], 1),  # one search, which ends in the frame after its first
+        ([(ELSEWHERE, 0.5)], 1),
+        ([(HERE, 0.4)], 5),  # three that say nothing
+        ([], 5),
+    ],
+)
+def test_a_part_that_was_lost_is_on_probation(found: list[tuple[FloatArray, float]], ends: int) -> None:
+    thoughts = thinking(Searched(found))
+    assert not thoughts.on_probation
+    thoughts.take_in(0.1, True)
+    probation = list[bool]()
+    for index in range(8):
+        thoughts.proposals(frame(index), HERE)
+        probation.append(thoughts.on_probation)
+        thoughts.take_in(POOR if index == 0 else WELL, False)
+    assert probation == [True] * ends + [False] * (8 - ends)
+
+
+def test_fitting_well_for_some_frames_ends_a_probation() -> None:
+    thoughts = thinking(Searched([], frames=100))
+    thoughts.take_in(0.1, True)
+    probation = list[bool]()
+    for index, quality in enumerate([WELL] * 4 + [POOR] + [WELL] * 6):
+        thoughts.proposals(frame(index), HERE)
+        thoughts.take_in(quality, False)
+        probation.append(thoughts.on_probation)
+    assert probation == [True] * 9 + [False] * 2
+
+
+def test_nobody_is_on_probation_where_second_thoughts_are_off() -> None:
+    thoughts = thinking(Searched([(ELSEWHERE, 0.9)]), poor_frames=0)
+    assert played(thoughts, [POOR] * 8, (0, 1)) == []
+    assert not thoughts.on_probation
 
 
 def test_how_many_frames_are_poor_is_a_setting() -> None:
@@ -177,6 +221,24 @@ def test_a_gap_is_no_row_of_frames() -> None:
     assert thoughts._poor_frames == 3
     tracker.track(UnreadableFrame(4, LARGE, "gone"))
     assert thoughts._poor_frames == 0
+
+
+def test_a_part_on_probation_teaches_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    pose = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    model = prepared(part)
+    tracker = Tracker(replace(model, views=make_views(part, model.best_generator())))
+    shown, learnt = Frame(0, draw([(part, pose)], 0, LARGE), LARGE), list[int]()
+    monkeypatch.setattr(Tracker, "_learn", lambda self, frame, *_: learnt.append(frame.index))
+    monkeypatch.setattr(SecondThoughts, "proposals", lambda *_: [])
+    thoughts = tracker._second_thoughts
+    assert thoughts is not None
+    tracker.start(shown, pose)
+    for k in range(1, 10):
+        if k == 3:
+            thoughts.take_in(0.1, True)
+        tracker.track(replace(shown, index=k))
+    assert learnt == [0, 1, 2, 8, 9]  # five frames that fit well are enough
 
 
 def test_methods_without_a_probability_have_no_second_thoughts() -> None:

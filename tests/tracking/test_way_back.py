@@ -207,7 +207,7 @@ def test_the_pose_has_to_win_against_what_the_detector_finds(same: bool, score: 
     way_back, finder = searching(slices=25, score=score, budget=10_000.0)
     finder.pose = np.eye(4)
     finder.pose[0, 3] = 0.0 if same else 50.0
-    verdicts = [way_back.second_look(frame(index), ANYWHERE, ANYWHERE) for index in range(3 * len(expected))]
+    verdicts = [way_back.second_look(frame(index), ANYWHERE, ANYWHERE, False) for index in range(3 * len(expected))]
     assert [one for one in verdicts if one is not Verdict.OPEN] == [expected[-1]]
     assert verdicts.index(expected[-1]) == 3 * len(expected) - 1  # three frames for each search
     if expected[-1] is Verdict.WRONG:
@@ -221,9 +221,20 @@ def test_a_part_that_was_believed_may_be_doubted_again(score: float, looks: int)
     finder.pose = np.eye(4)
     for _ in range(3):
         finder.asked.clear()
-        verdicts = [way_back.second_look(frame(index), ANYWHERE, ANYWHERE) for index in range(looks)]
+        verdicts = [way_back.second_look(frame(index), ANYWHERE, ANYWHERE, False) for index in range(looks)]
         assert verdicts == [Verdict.OPEN] * (looks - 1) + [Verdict.RIGHT]
         assert finder.asked == [look.within_deg for look in SECOND_LOOKS[:looks]]
+
+
+def test_a_part_that_fits_very_well_for_some_frames_needs_no_second_look() -> None:
+    way_back, finder = searching(slices=1000, score=0.9, budget=10_000.0)
+    finder.pose = np.eye(4)
+    for _ in range(2):
+        sure = [True, True, False, True, True, True, True, True]
+        verdicts = [
+            way_back.second_look(frame(index), ANYWHERE, ANYWHERE, is_sure) for index, is_sure in enumerate(sure)
+        ]
+        assert verdicts == [Verdict.OPEN] * 7 + [Verdict.RIGHT]
 
 
 def test_a_doubtful_return_teaches_nothing_and_is_lost_again_when_it_is_wrong(
@@ -284,7 +295,7 @@ def test_a_part_that_was_weak_and_whose_pose_nothing_fixes_is_doubted(
     qualities = iter([0.9, 0.9, 0.4, 0.7, 0.7, 0.7])
     answers, looks = iter([Verdict.OPEN, Verdict.RIGHT]), list[int]()
 
-    def second_look(_: Reacquisition, frame: Frame, *__: FloatArray) -> Verdict:
+    def second_look(_: Reacquisition, frame: Frame, *__: object) -> Verdict:
         looks.append(frame.index)
         return next(answers)
 
