@@ -154,7 +154,11 @@ class PoseKalman:
         self._go_on(self.predict(), self._velocity, self._covariance)
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
-        """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone."""
+        """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone.
+
+        Taken for a pose that was found with all of the prior; that with less of it is nearer to the image's (see
+        `priors.MotionPrior`) makes the innovation, and what it widens, a little larger.
+        """
         covariance = self._covariance
         if quality <= self._config.hold_below:
             self._observed = False

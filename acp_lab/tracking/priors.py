@@ -39,7 +39,7 @@ class ControlPointDamping:
 
 @dataclass(frozen=True)
 class MotionPrior:
-    """Configuration: the pose stays near the predicted one, as near as the prediction knows.
+    """Configuration: the pose stays near the predicted one, the nearer the surer the prediction is.
 
     Control points as variables are held by the pose next to them; what no rigid motion makes of them stays free.
 

@@ -6,9 +6,9 @@ as lost, not even when the hand is gone. So while a part fits poorly the detecto
 frame, and the frame is solved from what it finds, too. That replaces the pose only where it fits better and is surely
 right: half a part resembles many things.
 
-So it does once around a part that was lost and is back, however well it fits. Until it has found the part there, or
-the part has fitted well for some frames, this is on probation, and teaches nothing: a wrong pose that teaches how its
-edges look soon fits as well as the right one. (Not in the paper.)
+So it does around a part that was lost and is back, however well it fits. Until it has found the part there, or the part
+has fitted well for some frames, or a few searches have found it nowhere, this is on probation, and teaches nothing: a
+wrong pose that teaches how its edges look soon fits as well as the right one. (Not in the paper.)
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _BUDGET_SHARE = 0.4
 _GAIN, _SURELY_RIGHT = 0.03, 0.9
 """How much higher a proposal must score, and how probably its pose must be right, to replace another."""
 _SEARCHES, _FOUND = 3, 0.5
-"""Of a part on probation, at most, and the score from which on one says where it is."""
+"""Of a part on probation, at most, and the score from which on one has found it where it is followed."""
 
 
 class SecondThoughts:
@@ -52,9 +52,14 @@ class SecondThoughts:
         self._poor_frames = self._good_frames = self._owed = 0
         self._search: Search | None = None
 
+    def pause(self) -> None:
+        """A frame in which there is nothing to think of: no row of poor ones goes on, nor a search."""
+        self._poor_frames = 0
+        self._search = None
+
     @property
     def on_probation(self) -> bool:
-        """Whether a part that was lost has yet to be found by the detector, too."""
+        """Whether a part that was lost has yet to be found by the detector, too; see the module."""
         return self._owed > 0
 
     def take_in(self, quality: float, is_lost: bool) -> None:
@@ -84,10 +89,10 @@ class SecondThoughts:
         if not search.is_done or search.prior is None:
             return []
         self._search, followed = None, search.prior.cam_T_obj  # then: it has moved since
-        result = search.result or ()
-        self._owed = 0 if any(one.score >= _FOUND for one in result) else max(0, self._owed - 1)
-        found = (one.cam_T_obj for one in result if one.score >= LEAST_SCORE)
-        elsewhere = [self._unturned(pose, followed) for pose in found if not self._finder().is_same(pose, (followed,))]
+        likely = [one for one in search.result or () if one.score >= LEAST_SCORE]
+        there = [one for one in likely if self._finder().is_same(one.cam_T_obj, (followed,))]
+        self._owed = 0 if any(one.score >= _FOUND for one in there) else max(0, self._owed - 1)
+        elsewhere = [self._unturned(one.cam_T_obj, followed) for one in likely if one not in there]
         return [now for pose in elsewhere for now in moved_on(self._part, pose, search.frame, frame)]
 
     def prefer(self, proposed: Solution, right: float, followed: Solution) -> bool:

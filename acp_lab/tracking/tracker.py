@@ -195,7 +195,7 @@ class Tracker:
             changed = self._states.update(0.0)
             note = f"{frame.reason}; {changed}" if changed else frame.reason
             if self._second_thoughts is not None:
-                self._second_thoughts.forget()
+                self._second_thoughts.pause()
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         frame = self._steady(frame, clock)
         self.solver.magnify(frame.camera, self.predicted)
@@ -423,7 +423,7 @@ class Tracker:
         if thoughts is None or self._is_lost:
             return None
         if solution is None or self._states.doubted:
-            thoughts.forget()
+            thoughts.pause()
             return None
         clock.lap()
         proposals, region = thoughts.proposals(frame, solution.cam_T_obj), pursuit.region

@@ -117,8 +117,9 @@ def test_a_search_goes_on_when_the_part_fits_again_but_not_for_long() -> None:
     ("found", "ends"),
     [
         ([(HERE, 0.5)], 1),  # one search, which ends in the frame after its first
-        ([(ELSEWHERE, 0.5)], 1),
-        ([(HERE, 0.4)], 5),  # three that say nothing
+        ([(ELSEWHERE, 0.4), (HERE, 0.5)], 1),
+        ([(ELSEWHERE, 0.5)], 5),  # that speaks against it: three searches have to be enough
+        ([(HERE, 0.4)], 5),
         ([], 5),
     ],
 )
@@ -223,7 +224,11 @@ def test_a_gap_is_no_row_of_frames() -> None:
     assert thoughts._poor_frames == 0
 
 
-def test_a_part_on_probation_teaches_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("gap", "expected"), [(None, [0, 1, 2, 8, 9]), (4, [0, 1, 2, 9])])
+def test_a_part_on_probation_teaches_nothing(
+    gap: int | None, expected: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five frames that fit well are enough; one that is not seen is none of them, and changes nothing."""
     part = bracket(shift=(0.0, 0.0, 0.0))
     pose = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
     model = prepared(part)
@@ -237,8 +242,8 @@ def test_a_part_on_probation_teaches_nothing(monkeypatch: pytest.MonkeyPatch) ->
     for k in range(1, 10):
         if k == 3:
             thoughts.take_in(0.1, True)
-        tracker.track(replace(shown, index=k))
-    assert learnt == [0, 1, 2, 8, 9]  # five frames that fit well are enough
+        tracker.track(UnreadableFrame(k, LARGE, "gone") if k == gap else replace(shown, index=k))
+    assert learnt == expected
 
 
 def test_methods_without_a_probability_have_no_second_thoughts() -> None:
