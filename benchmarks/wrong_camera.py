@@ -82,7 +82,11 @@ UNIT = {
 
 @dataclass(frozen=True)
 class Told:
-    """A frame as it is with the wrong camera. best: the pose that explains it; moved: from the truth, in diameters."""
+    """A frame as it is with the wrong camera.
+
+    best: the pose that explains it; moved: how far that is from the truth, in diameters; counts: whether enough of the
+    part is visible.
+    """
 
     frame: Frame
     best: PointPnP

@@ -6,9 +6,9 @@ as lost, not even when the hand is gone. So while a part fits poorly the detecto
 frame, and the frame is solved from what it finds, too. That replaces the pose only where it fits better and is surely
 right: half a part resembles many things.
 
-So it does around a part that was lost and is back, however well it fits. Until it has found the part there, or the part
-has fitted well for some frames, or a few searches have found it nowhere, this is on probation, and teaches nothing: a
-wrong pose that teaches how its edges look soon fits as well as the right one. (Not in the paper.)
+So it does around a part that was lost and is back. Until it has found the part there, or the part has fitted well for
+some frames, or a few searches have not found it there, the part is on probation, and teaches nothing: a wrong pose that
+teaches how its edges look soon fits as well as the right one. (Not in the paper.)
 """
 
 from __future__ import annotations

@@ -103,10 +103,10 @@ LEAST_EXACT = 0.5
 """Exactness below which a pose of a part that was lost or weak needs a second look."""
 SURE_QUALITY = 0.85
 """From which on a pose elsewhere is believed without a second look."""
-SECOND_LOOKS = (LIKE_LAST, ANY_SIDE)
-"""Around where the part was before; what nothing contradicts in the last one is believed."""
 SURE_FRAMES = 5
 """In a row, of such a quality: a part that needed a second look before is believed without the rest of it."""
+SECOND_LOOKS = (LIKE_LAST, ANY_SIDE)
+"""Around where the part was before; what nothing contradicts in the last one is believed."""
 _SURE_RIVAL = 0.5
 """Score of what contradicts a pose."""
 

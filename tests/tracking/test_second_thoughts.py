@@ -146,6 +146,21 @@ def test_fitting_well_for_some_frames_ends_a_probation() -> None:
     assert probation == [True] * 9 + [False] * 2
 
 
+def test_a_frame_with_nothing_to_think_of_ends_a_search_but_no_probation() -> None:
+    """A part in doubt, above all, is not believed for being doubted."""
+    finder = Searched([(HERE, 0.9)], frames=2)
+    thoughts = thinking(finder)
+    thoughts.take_in(0.1, True)
+    assert thoughts.proposals(frame(0), HERE) == []
+    thoughts.pause()
+    assert thoughts.on_probation
+    for index in range(1, 4):
+        assert thoughts.on_probation
+        thoughts.proposals(frame(index), HERE)
+    assert finder.searched == [0, 1]
+    assert not thoughts.on_probation
+
+
 def test_nobody_is_on_probation_where_second_thoughts_are_off() -> None:
     thoughts = thinking(Searched([(ELSEWHERE, 0.9)]), poor_frames=0)
     assert played(thoughts, [POOR] * 8, (0, 1)) == []
