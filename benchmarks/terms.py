@@ -101,14 +101,15 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes, one thread each")
     parser.add_argument("--orders", type=some_of(ORDERS), default=["forwards", "second"], help=f"of {','.join(ORDERS)}")
     parser.add_argument("--seeds", type=int, default=1, help="directions of each disturbed start")
-    parser.add_argument("--only", metavar="PART", help="switch off this one alone")
+    parser.add_argument("--only", action="append", metavar="PART", help="switch off this one; may be given repeatedly")
     parser.add_argument("--record", metavar="KEY")
     options = parser.parse_args()
     methods = without()
-    if options.only is not None:
-        if options.only not in methods:
-            parser.error(f"--only {options.only}: give one of {', '.join(methods)}")
-        methods = {name: methods[name] for name in ("nothing", options.only)}
+    for name in options.only or ():
+        if name not in methods:
+            parser.error(f"--only {name}: give one of {', '.join(methods)}")
+    if options.only:
+        methods = {name: methods[name] for name in ("nothing", *options.only)}
     jobs, runs = _jobs(options, list(methods.values())), list[Run]()
     try:
         for run in complete(jobs, options.results, options.jobs):

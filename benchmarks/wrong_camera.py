@@ -31,14 +31,14 @@ from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.arrays import FloatArray  # noqa: E402
 from acp_lab.geometry.camera import Camera, Undistorter  # noqa: E402
 from acp_lab.geometry.point_pnp import PointPnP, solve_point_pnp  # noqa: E402
-from acp_lab.geometry.pose import disturb_pose, transform  # noqa: E402
+from acp_lab.geometry.pose import transform  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
-from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import LOST, STARTS, part_name, prepared_part_of, visible_frames  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
+from benchmarks.told_wrong import STARTS_TOLD, UNIT, Told, follow, recalls, true_frames  # noqa: E402
 
 POINTS = 200
 """Vertices that say which pose explains an image."""
@@ -71,27 +71,7 @@ CAMERAS: dict[str, Callable[[Camera], Camera]] = {
     "pixels 0.01 too high": _high(1.01),
     "pixels 0.03 too high": _high(1.03),
 }
-UNIT = {
-    "@*": "share of frames with ADD (ADD-S) below 2, 5% of the diameter, to the pose that explains the image best",
-    "lost": "runs in which that was ever above 30%",
-    "runs": "runs",
-    "misfit": "px that no pose explains, root mean square over the frames of all sequences",
-    "moved": "ADD (ADD-S) of the pose that explains the image best, to the truth, as a share of the diameter, median",
-}
-
-
-@dataclass(frozen=True)
-class Told:
-    """A frame as it is with the wrong camera.
-
-    best: the pose that explains it; moved: how far that is from the truth, in diameters; counts: whether enough of the
-    part is visible.
-    """
-
-    frame: Frame
-    best: PointPnP
-    moved: float
-    counts: bool
+MISFIT = {"misfit": "px that no pose explains, root mean square over the frames of all sequences"}
 
 
 @dataclass(frozen=True)
@@ -129,14 +109,14 @@ def main() -> None:
     values = {
         f"{camera}, {start}": _row([run for run in runs if (run.camera, run.start) == (camera, start)])
         for camera in CAMERAS
-        for start in ("truth", "5")
+        for start in STARTS_TOLD
     }
     for name, row in values.items():
         print(name, row)
     if args.record:
         about = f"a camera that is not calibrated well; tracker {args.method}, forwards, parts for {args.split}"
         names = ", ".join(root.name for root in args.datasets)
-        measured.record(f"wrong_camera.{args.record}", about, UNIT, names, values)
+        measured.record(f"wrong_camera.{args.record}", about, UNIT | MISFIT, names, values)
 
 
 def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Camera) -> PointPnP:
@@ -149,49 +129,24 @@ def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Camera) 
 
 
 def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[CameraRun]:
-    object_id = scene.object_ids[0]
-    model = prepared_part_of(scene, parts)
+    model, frames = prepared_part_of(scene, parts), true_frames(scene)
     metric = PartMetric(model.part)
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
-    truths = {f.index: truth for f in frames if (truth := scene.truth(f.index, object_id)) is not None}
-    counts = visible_frames(scene.folder, object_id, truths)
-    frames = [frame for frame in frames if frame.index in truths]
-    frames = frames[next(number for number, frame in enumerate(frames) if counts[frame.index]) :]
     for name, wrong in CAMERAS.items():
-        told = list[Told]()
-        for frame in frames:
-            camera, truth = wrong(frame.camera), truths[frame.index]
-            best = explained(model.part, truth, frame.camera, camera)
-            seen = replace(frame, image=Undistorter(camera)(frame.image), camera=camera.pinhole())
-            told.append(Told(seen, best, metric.share(best.cam_T_obj, truth), counts[frame.index]))
-        for start in ("truth", "5"):
-            rng = np.random.default_rng([0, scene.scene_id, object_id])
-            pose = disturb_pose(told[0].best.cam_T_obj, model.part.box_centre, *STARTS[start], rng)
-            yield CameraRun(
-                name,
-                start,
-                _errors(told, pose, Tracker(model, method), metric),
-                np.array([one.best.rms_px for one in told[1:]]),
-                np.array([one.moved for one in told[1:]]),
-            )
-
-
-def _errors(told: list[Told], start: FloatArray, tracker: Tracker, metric: PartMetric) -> FloatArray:
-    errors = list[float]()
-    tracker.start(told[0].frame, start)
-    for one in told[1:]:
-        result = tracker.track(one.frame)
-        if one.counts:
-            errors.append(metric.share(result.cam_T_obj, one.best.cam_T_obj))
-    return np.array(errors)
+        told, misfit_px, moved = list[Told](), list[float](), list[float]()
+        for one in frames:
+            camera = wrong(one.frame.camera)
+            best = explained(model.part, one.truth, one.frame.camera, camera)
+            seen = replace(one.frame, image=Undistorter(camera)(one.frame.image), camera=camera.pinhole())
+            told.append(Told(seen, best.cam_T_obj, one.counts))
+            misfit_px.append(best.rms_px)
+            moved.append(metric.share(best.cam_T_obj, one.truth))
+        for start in STARTS_TOLD:
+            errors = follow(told, Tracker(model, method), metric, start, (0, scene.scene_id, scene.object_ids[0]))
+            yield CameraRun(name, start, errors, np.array(misfit_px[1:]), np.array(moved[1:]))
 
 
 def _row(runs: list[CameraRun]) -> dict[str, float]:
-    return {
-        "@2": float(np.mean([(run.errors < 0.02).mean() for run in runs])),
-        "@5": float(np.mean([(run.errors < 0.05).mean() for run in runs])),
-        "lost": sum(bool((run.errors > LOST).any()) for run in runs),
-        "runs": len(runs),
+    return recalls(run.errors for run in runs) | {
         "misfit": float(np.sqrt(np.mean(np.concatenate([run.misfit_px for run in runs]) ** 2))),
         "moved": float(np.median(np.concatenate([run.moved for run in runs]))),
     }

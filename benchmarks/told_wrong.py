@@ -1,0 +1,78 @@
+"""Runs in which a tracker is told something that is not so, of its camera or of its part.
+
+Then the same image means another pose, so errors are to the pose that explains the image best with what was told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from acp_lab.evaluation.part_metric import PartMetric
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import disturb_pose
+from acp_lab.sequences.bop import BopScene
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.tracker import Tracker
+from benchmarks.runs import LOST, STARTS, visible_frames
+
+STARTS_TOLD = ("truth", "5")
+UNIT = {
+    "@*": "share of frames with ADD (ADD-S) below 2, 5% of the diameter, to the pose that explains the image best",
+    "lost": "runs in which that was ever above 30%",
+    "runs": "runs",
+    "moved": "ADD (ADD-S) of the pose that explains the image best, to the truth, as a share of the diameter, median",
+}
+
+
+@dataclass(frozen=True)
+class TrueFrame:
+    """A frame as it was taken: truth, (4, 4) cam_T_obj in mm; counts: whether enough of the part is visible."""
+
+    frame: Frame
+    truth: FloatArray
+    counts: bool
+
+
+@dataclass(frozen=True)
+class Told:
+    """A frame as it is told: best, (4, 4) cam_T_obj in mm, explains it; counts as in `TrueFrame`."""
+
+    frame: Frame
+    best: FloatArray
+    counts: bool
+
+
+def true_frames(scene: BopScene) -> list[TrueFrame]:
+    """Of a scene's first object, from the first frame that counts onwards."""
+    object_id = scene.object_ids[0]
+    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    truths = {f.index: truth for f in frames if (truth := scene.truth(f.index, object_id)) is not None}
+    counts = visible_frames(scene.folder, object_id, truths)
+    true = [TrueFrame(f, truths[f.index], counts[f.index]) for f in frames if f.index in truths]
+    return true[next(number for number, one in enumerate(true) if one.counts) :]
+
+
+def follow(told: Sequence[Told], tracker: Tracker, metric: PartMetric, start: str, seed: Sequence[int]) -> FloatArray:
+    """ADD(-S) as a share of the diameter, of the frames that count but for the first; start: one of `STARTS`."""
+    rng = np.random.default_rng(seed)
+    tracker.start(told[0].frame, disturb_pose(told[0].best, tracker.part.box_centre, *STARTS[start], rng))
+    errors = list[float]()
+    for one in told[1:]:
+        result = tracker.track(one.frame)
+        if one.counts:
+            errors.append(metric.share(result.cam_T_obj, one.best))
+    return np.array(errors)
+
+
+def recalls(errors: Iterable[FloatArray]) -> dict[str, float]:
+    """Means over runs, and how many of these were ever lost; errors: of each, ADD(-S) as a share of the diameter."""
+    runs = list(errors)
+    return {
+        "@2": float(np.mean([(run < 0.02).mean() for run in runs])),
+        "@5": float(np.mean([(run < 0.05).mean() for run in runs])),
+        "lost": sum(bool((run > LOST).any()) for run in runs),
+        "runs": len(runs),
+    }

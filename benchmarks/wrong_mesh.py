@@ -1,0 +1,205 @@
+"""How exact must a CAD model be?
+
+    python -m benchmarks.wrong_mesh metal_hard metal_dev own_checking --parts PARTS --wrong-parts OUT --split checking
+
+The tracker is given another mesh than that of the part in the images (`MESHES`): its convex hull, one with a bolt or a
+hole that the part does not have, with few and large faces, or longer than it should be. Forwards, from truth and from 5
+degrees and 5 mm off, with defaults; the wrong parts are prepared as any other, and kept in OUT.
+
+Errors are measured, with the part's own mesh, against the truth; for a part of another size against the pose that
+explains each image best, by least squares over the vertices. Moved: how far that pose is from the truth, ADD. A frame
+counts when at least 30% of the part is visible. PARTS holds prepared parts, or one folder of them per data set.
+Meshes must be closed; needs the extra "recipes".
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from acp_lab.commands.machine import limit_threads
+
+limit_threads(1)  # before NumPy is imported
+
+import numpy as np  # noqa: E402
+import shapely  # noqa: E402
+import trimesh  # noqa: E402
+from manifold3d import Manifold, Mesh  # noqa: E402
+
+from acp_lab.cad.part import Part  # noqa: E402
+from acp_lab.errors import PartError  # noqa: E402
+from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
+from acp_lab.geometry.arrays import FloatArray  # noqa: E402
+from acp_lab.geometry.camera import Camera  # noqa: E402
+from acp_lab.geometry.point_pnp import solve_point_pnp  # noqa: E402
+from acp_lab.geometry.pose import transform  # noqa: E402
+from acp_lab.preparation import prepare  # noqa: E402
+from acp_lab.prepared_part import PreparedPart  # noqa: E402
+from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
+from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.tracker import Tracker  # noqa: E402
+from benchmarks import measured  # noqa: E402
+from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
+from benchmarks.told_wrong import STARTS_TOLD, UNIT, Told, follow, recalls, true_frames  # noqa: E402
+
+POINTS = 200
+"""Vertices that say which pose explains an image."""
+
+
+def solid(part: Part) -> Manifold:
+    """A part's body. Raises PartError where its mesh is not closed."""
+    body = Manifold(Mesh(np.asarray(part.vertices, np.float32), np.asarray(part.faces, np.uint32)))
+    if body.is_empty():
+        raise PartError(f"{part.name}: its mesh is not closed: {body.status()}; give parts with closed meshes")
+    return body
+
+
+def hull(part: Part) -> Part:
+    """Its convex hull: without any hole or notch."""
+    return _part(solid(part).hull(), part)
+
+
+def with_bolt(part: Part) -> Part:
+    """With the head of a bolt upon its largest flat face, an eighth of the diameter wide and a twentieth high."""
+    return _part(solid(part) + _rod(part, 0.06, 0.1), part)
+
+
+def with_hole(part: Part) -> Part:
+    """With a hole through its largest flat face, an eighth of the diameter wide."""
+    return _part(solid(part) - _rod(part, 0.06, 2.0), part)
+
+
+def coarse(share: float) -> Callable[[Part], Part]:
+    """With as few faces as are within a share of its diameter."""
+    return lambda part: _part(solid(part).simplify(share * part.diameter), part)
+
+
+def longer(times: float) -> Callable[[Part], Part]:
+    """So many times as long along its longest axis, about its centre."""
+
+    def stretched(part: Part) -> Part:
+        extents = np.ptp(part.vertices, axis=0)
+        scale = np.where(np.arange(3) == extents.argmax(), times, 1.0)
+        vertices = part.box_centre + scale * (part.vertices - part.box_centre)
+        return Part.from_mesh(vertices, part.faces, part.name, part.symmetries)
+
+    return stretched
+
+
+MESHES: dict[str, Callable[[Part], Part]] = {
+    "as it is": lambda part: part,
+    "convex hull": hull,
+    "a bolt too many": with_bolt,
+    "a hole too many": with_hole,
+    "0.2% coarse": coarse(0.002),
+    "1% coarse": coarse(0.01),
+    "1% longer": longer(1.01),
+    "3% longer": longer(1.03),
+}
+
+
+@dataclass(frozen=True)
+class MeshRun:
+    """A run with a wrong mesh, the first frame left out.
+
+    errors: of the frames that count; moved: of all of them. ADD(-S) as a share of the diameter.
+    """
+
+    mesh: str
+    start: str
+    errors: FloatArray
+    moved: FloatArray
+
+
+def main() -> None:
+    """See the module."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("datasets", nargs="+", type=Path)
+    parser.add_argument("--parts", type=Path, required=True)
+    parser.add_argument("--wrong-parts", type=Path, required=True, metavar="OUT")
+    parser.add_argument("--method", default="acp")
+    parser.add_argument("--split", choices=SPLITS, default="all")
+    parser.add_argument("--record", metavar="KEY")
+    args = parser.parse_args()
+    runs: list[MeshRun] = []
+    for root in args.datasets:
+        for scene_id in BopDataset(root).scenes():
+            scene = BopDataset(root).open_scene(scene_id)
+            if is_in_split(part_name(root, scene.object_ids[0]), args.split):
+                new = list(_runs(scene, args.parts, args.wrong_parts, method_named(args.method)))
+                told = [f"{run.mesh}, {run.start}: {100 * np.median(run.errors):.1f}%" for run in new]
+                print(root.name, scene_id, *told, sep="  ", flush=True)
+                runs += new
+    values = {
+        f"{mesh}, {start}": _row([run for run in runs if (run.mesh, run.start) == (mesh, start)])
+        for mesh in MESHES
+        for start in STARTS_TOLD
+    }
+    for name, row in values.items():
+        print(name, row)
+    if args.record:
+        about = f"a CAD model that is not exact; tracker {args.method}, forwards, parts for {args.split}"
+        names = ", ".join(root.name for root in args.datasets)
+        measured.record(f"wrong_mesh.{args.record}", about, UNIT, names, values)
+
+
+def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Part) -> FloatArray:
+    """The pose (4, 4) at which a part that is told wrong appears most like the part does at `cam_T_obj` (4, 4).
+
+    Where both have the same vertices, one for one; elsewhere it is that very pose.
+    """
+    if not np.array_equal(wrong.faces, part.faces):
+        return cam_T_obj
+    chosen = np.random.default_rng(0).permutation(len(part.vertices))[:POINTS]
+    pixels = camera.project(transform(cam_T_obj, part.vertices[chosen]))
+    return solve_point_pnp(wrong.vertices[chosen], pixels, camera).cam_T_obj
+
+
+def _runs(scene: BopScene, parts: Path, wrong_parts: Path, method: Method) -> Iterator[MeshRun]:
+    right, frames = prepared_part_of(scene, parts), true_frames(scene)
+    metric, seed = PartMetric(right.part), (0, scene.scene_id, scene.object_ids[0])
+    for name, wrong in MESHES.items():
+        model = right
+        if name != "as it is":
+            model = _prepared(wrong(right.part), wrong_parts / name.replace(" ", "_") / scene.dataset.name)
+        best = [explained(right.part, one.truth, one.frame.camera, model.part) for one in frames]
+        told = [Told(one.frame, pose, one.counts) for one, pose in zip(frames, best, strict=True)]
+        moved = [metric.share(pose, one.truth) for one, pose in zip(frames, best, strict=True)]
+        for start in STARTS_TOLD:
+            errors = follow(told, Tracker(model, method), metric, start, seed)
+            yield MeshRun(name, start, errors, np.array(moved[1:]))
+
+
+def _prepared(part: Part, folder: Path) -> PreparedPart:
+    stored = folder / part.name
+    return PreparedPart.load(stored) if (stored / "part.json").exists() else prepare(part, out=folder)
+
+
+def _rod(part: Part, radius: float, length: float) -> Manifold:
+    """Across the largest flat face, its middle where there is most room around it; radius and length in diameters."""
+    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    largest = int(np.argmax(mesh.facets_area))
+    triangles = mesh.facets[largest]
+    plane_T_obj = trimesh.geometry.plane_transform(mesh.triangles_center[triangles[0]], mesh.facets_normal[largest])
+    corners = trimesh.transform_points(mesh.vertices, plane_T_obj)[mesh.faces[triangles], :2]
+    middle = shapely.maximum_inscribed_circle(shapely.unary_union(shapely.polygons(corners))).coords[0]
+    rod = Manifold.cylinder(length * part.diameter, radius * part.diameter, -1.0, 64, True)
+    return rod.translate((*middle, 0.0)).transform(np.linalg.inv(plane_T_obj)[:3])
+
+
+def _part(body: Manifold, part: Part) -> Part:
+    mesh = body.to_mesh()
+    vertices = np.asarray(mesh.vert_properties, np.float64)[:, :3]
+    return Part.from_mesh(vertices, np.asarray(mesh.tri_verts, np.int64), part.name, part.symmetries)
+
+
+def _row(runs: list[MeshRun]) -> dict[str, float]:
+    moved = float(np.median(np.concatenate([run.moved for run in runs])))
+    return recalls(run.errors for run in runs) | {"moved": moved}
+
+
+if __name__ == "__main__":
+    main()
