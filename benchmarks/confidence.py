@@ -40,7 +40,6 @@ from acp_lab.tracking.solution import Solution  # noqa: E402
 from acp_lab.tracking.states import StateConfig  # noqa: E402
 from acp_lab.tracking.stopwatch import Stopwatch  # noqa: E402
 from acp_lab.tracking.targets.normals import NormalJudgement  # noqa: E402
-from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import FAULTS  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
@@ -168,10 +167,8 @@ class _Judging(Watched):
 
     def expected_error(self, solution: Solution) -> float:
         """The ADD to be expected by its covariance, as a share of the diameter; 0 without one."""
-        covariance = Tracker._covariance(self, solution)
-        if covariance is None:
-            return 0.0
-        return self._expected_error.rms_mm(covariance, solution.cam_T_obj) / self.part.diameter
+        covariance = self._assessment.covariance(solution)
+        return 0.0 if covariance is None else self._assessment.expected_error(solution.cam_T_obj, covariance)
 
 
 def _truth(scene: BopScene, frame: Frame, object_id: int) -> FloatArray:

@@ -77,6 +77,7 @@ class Stages:
 def watch(stages: Stages) -> None:
     """Have the stages of `acp` measured."""
     from acp_lab.tracking import frame_solver, pursuit, tracker
+    from acp_lab.tracking.assessment import Assessment
     from acp_lab.tracking.kalman import PoseKalman
     from acp_lab.tracking.pose_descent import PoseLevel
     from acp_lab.tracking.priors import ControlPointDamping, MotionPrior
@@ -101,8 +102,8 @@ def watch(stages: Stages) -> None:
         (NormalMeasure, "judge", "judging the pose"),
         (NormalMeasure, "plain_quality", "judging the pose"),
         (RegionJudgement, "lines", "judging the pose"),
-        (tracker.Tracker, "_quality", "judging the pose"),
-        (tracker.Tracker, "_covariance", "judging the pose"),
+        (Assessment, "quality", "judging the pose"),
+        (Assessment, "covariance", "judging the pose"),
         (pursuit, "recover", "second tries"),
         (RegionMemory, "learn", "learning"),
         (tracker.Tracker, "_learn", "learning"),

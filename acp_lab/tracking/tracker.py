@@ -22,6 +22,7 @@ from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame, check_frame
 from acp_lab.sequences.protocol import Sequence
+from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
@@ -32,19 +33,15 @@ from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.observer import Observer
 from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.recovery import Alternatives
-from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
+from acp_lab.tracking.result import NOT_PREPARED, TrackResult
 from acp_lab.tracking.search import Look
 from acp_lab.tracking.second_opinion import Question, second_opinion
-from acp_lab.tracking.second_thoughts import SecondThoughts
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
-from acp_lab.tracking.sought import Sought
 from acp_lab.tracking.start import LOOK_LEVEL, Started, TrustedStart, begin
-from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tones import Tones
-from acp_lab.tracking.uncertainty import ExpectedError
-from acp_lab.tracking.way_back import LEAST_EXACT, SURE_QUALITY, Reacquisition, Verdict
+from acp_lab.tracking.whereabouts import Whereabouts
 
 
 class Tracker:
@@ -81,15 +78,9 @@ class Tracker:
         self.records_target = False
         self._first: FirstFrame | None = None
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
-        way_back = self.method.way_back
-        self._expected_error = ExpectedError(model.part)
         self._finder = LateFinder(model)
-        self._way_back = None if isinstance(way_back, Off) else Reacquisition(model, way_back, self._finder)
-        # Views that are not stored take long, which only a lost part is worth; without a probability nothing is sure.
-        thinks = model.views is not None and not isinstance(self.method.confidence, Off)
-        self._second_thoughts = (
-            None if isinstance(way_back, Off) or not thinks else SecondThoughts(model, way_back, self._finder)
-        )
+        self._assessment = Assessment(model.part, self.method)
+        self._whereabouts = Whereabouts(model, self.method, self._assessment, self._finder)
         self._forget()
 
     @property
@@ -155,7 +146,6 @@ class Tracker:
         if started.measures and matches is not None:
             self.solver.knowledge.measure_offsets(matches)
             self._first = FirstFrame(frame, solution.cam_T_obj, self._pursuit.region)
-        self._last_seen = solution.cam_T_obj
         self._started = True
         self._learn(frame, solution, clock, self._trusted)
         score = 0.0
@@ -164,9 +154,9 @@ class Tracker:
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
             score = (again or solution).score
         self._pursuit.begin(solution, score)
-        quality = self._quality(solution)
-        note = self._states.begin(quality)
-        if self._way_back is not None and self.model.views is not None:
+        quality = self._assessment.quality(solution)
+        note = self._whereabouts.begin(solution.cam_T_obj, quality)
+        if not isinstance(self.method.way_back, Off) and self.model.views is not None:
             self._finder()  # before it is needed
         note = "; ".join(filter(None, (started.note, note)))
         if not self._trusted and not isinstance(self.method.uncertainty, Off):
@@ -184,65 +174,53 @@ class Tracker:
             raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
         if not isinstance(frame, UnreadableFrame):
             check_frame(frame)
-        begin_s, clock, pursuit = time.perf_counter(), Stopwatch(), self._pursuit
+        begin_s, clock = time.perf_counter(), Stopwatch()
+        pursuit, whereabouts = self._pursuit, self._whereabouts
         self.solver.records_steps = self.records_steps
         # Kept as long as every frame is seen: over a gap it would tell another motion.
         first, self._first = self._first, None
         if isinstance(frame, UnreadableFrame):
             predicted = self.predicted
             pursuit.predictor.coast()
-            self._fitted = False
-            changed = self._states.update(0.0)
-            note = f"{frame.reason}; {changed}" if changed else frame.reason
-            if self._second_thoughts is not None:
-                self._second_thoughts.pause()
+            note = "; ".join(filter(None, (frame.reason, whereabouts.miss())))
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         frame = self._steady(frame, clock)
         self.solver.magnify(frame.camera, self.predicted)
-        proposals = self._proposals(frame, clock)
+        proposals, other = whereabouts.proposals(frame, clock), None
         if proposals:
-            predicted, solution = self.predicted, self._try(frame, proposals, clock)
+            predicted, solution = self.predicted, pursuit.best_of(frame, proposals, clock)
+            whereabouts.tried(solution)
         else:
             predicted, solution = pursuit.follow(frame, clock)
-            if not self._is_lost or self._way_back is None:
-                solution = pursuit.recover(frame, predicted, solution, clock, self._states)
-        other = None if proposals else self._reconsidered(frame, solution, clock)
-        solution = other or solution
-        quality = 0.0 if solution is None else self._quality(solution)
-        if solution is not None and self._states.may_begin_to_track(quality):
-            self._states.doubted = self._doubts(frame, solution, quality)
-        note = self._states.update(quality)
+            if not whereabouts.is_looked_for:
+                solution = pursuit.recover(frame, predicted, solution, clock, whereabouts.states)
+            other = self._elsewhere(frame, solution, clock)
+            solution = other or solution
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             pursuit.restart(self.last)
-            self._fitted = False
-            return self._blind(frame, predicted, self.last, clock, begin_s, note or "the part is not seen")
-        self._fitted = quality > self.method.states.found_above
-        note = self._look_again(frame, solution, quality, clock) or note
-        fits = self._fitted  # which a second look may have denied
-        if self._states.state is TrackState.TRACKING:
-            self._last_seen = solution.cam_T_obj  # a weak pose may be of something else
-        self._believed &= self._states.state is TrackState.WEAK
-        if self._is_lost and self._way_back is not None:
+            note = whereabouts.miss() or "the part is not seen"
+            return self._blind(frame, predicted, self.last, clock, begin_s, note)
+        quality = self._assessment.quality(solution)
+        note = whereabouts.take_in(frame, solution, quality, clock)
+        if whereabouts.is_looked_for:
             # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
-            pursuit.restart(solution.cam_T_obj if fits else self._last_seen)
-            if fits:
+            pursuit.restart(solution.cam_T_obj if whereabouts.fits else whereabouts.last_seen)
+            if whereabouts.fits:
                 pursuit.remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
         elif other is not None:
             pursuit.begin(solution, solution.score)  # a leap, too, and how well the wrong pose fitted says nothing
             pursuit.remember(frame, solution.cam_T_obj)
         else:
             pursuit.go_on_from(solution, quality)
-        if not self._is_lost:
-            if self._states.doubted or self._is_on_probation:
-                pursuit.remember(frame, solution.cam_T_obj)
-            else:
-                self._learn(frame, solution, clock)
-                self._measure_again(first, solution.cam_T_obj, clock)
+        if whereabouts.may_teach:
+            self._learn(frame, solution, clock)
+            self._measure_again(first, solution.cam_T_obj, clock)
+        elif not whereabouts.is_lost:
+            pursuit.remember(frame, solution.cam_T_obj)
+        if not whereabouts.is_lost:
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             pursuit.usual.take_in(solution)
-        if self._second_thoughts is not None:
-            self._second_thoughts.take_in(quality, self._is_lost)
         if other is not None:
             note = "; ".join(filter(None, ("the detector finds it elsewhere", note)))
         # Where the region was chosen at.
@@ -295,16 +273,10 @@ class Tracker:
         self.solver.forget()
         self._pursuit.forget()
         self._first = None
-        self._states = StateMachine(self.method.states)
-        if self._way_back is not None:
-            self._way_back.forget()
-        if self._second_thoughts is not None:
-            self._second_thoughts.forget()
+        self._whereabouts.forget()
         if self._tones is not None:
             self._tones.forget()
-        # Whether a second look found a weak part where it is, however little of it fixes its pose.
-        self._believed = False
-        self._started = self._trusted = self._fitted = False
+        self._started = self._trusted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 
     def _first_region(self, pose: FloatArray) -> int:
@@ -350,7 +322,7 @@ class Tracker:
         if self.model.views is None:
             return started
         question = Question(frame, look, start, started.solution.cam_T_obj)
-        elsewhere = second_opinion(question, self.solver, self._finder(), config, self._quality, clock)
+        elsewhere = second_opinion(question, self.solver, self._finder(), config, self._assessment.quality, clock)
         if elsewhere is None:
             return started
         for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
@@ -363,100 +335,13 @@ class Tracker:
                 return replace(again, trusted=False, measures=config.measures, note=note)
         return None
 
-    def _quality(self, solution: Solution) -> float:
-        """In [0, 1], as it is reported."""
-        confidence = self.method.confidence
-        return solution.quality if isinstance(confidence, Off) else confidence.of(solution)
-
-    def _covariance(self, solution: Solution) -> FloatArray | None:
-        """(6, 6) of the pose, as it is reported."""
-        config = self.method.uncertainty
-        if isinstance(config, Off) or solution.information is None:
-            return None
-        estimate = solution.estimate
-        return config.covariance(solution.information, float(estimate.centre_cam[2]) / estimate.view.camera.fx)
-
-    def _exactness(self, cam_T_obj: FloatArray, covariance: FloatArray | None) -> float:
-        """In [0, 1], as it is reported."""
-        confidence = self.method.confidence
-        if covariance is None or isinstance(confidence, Off):
-            return 1.0
-        return confidence.exactness(self._expected_error.rms_mm(covariance, cam_T_obj) / self.part.diameter)
-
-    def _right(self, solution: Solution) -> float:
-        """In [0, 1]: the probability that its pose is right."""
-        return self._quality(solution) * self._exactness(solution.cam_T_obj, self._covariance(solution))
-
-    def _is_exact(self, solution: Solution) -> bool:
-        """Whether what is seen fixes its pose."""
-        return self._exactness(solution.cam_T_obj, self._covariance(solution)) >= LEAST_EXACT
-
-    @property
-    def _is_on_probation(self) -> bool:
-        return self._second_thoughts is not None and self._second_thoughts.on_probation
-
-    @property
-    def _is_lost(self) -> bool:
-        return self._states.state is TrackState.LOST
-
-    def _proposals(self, frame: Frame, clock: Stopwatch) -> list[FloatArray]:
-        """Where the detector saw a lost part; it is not asked while the part seems to be back."""
-        if self._way_back is None or not self._is_lost or self._fitted:
-            return []
-        clock.lap()
-        proposals = self._way_back.proposals(frame, self._last_seen)
-        clock.search_s += clock.lap()
-        return proposals
-
-    def _doubts(self, frame: Frame, solution: Solution, quality: float) -> bool:
-        """Whether a part that was lost or weak needs a second look: it is elsewhere, or what is seen fixes no pose."""
-        way_back = self._way_back
-        if way_back is None:
-            return False
-        if not self._believed and not self._is_exact(solution):
-            return True  # a cable looks like a plate edge-on, but it may lie anywhere along itself
-        return way_back.doubts(frame, solution.cam_T_obj, quality, self._last_seen)
-
-    def _reconsidered(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Solution | None:
-        """What the detector's second thoughts of a frame's solution lead to; None where that stays."""
-        thoughts, pursuit = self._second_thoughts, self._pursuit
-        if thoughts is None or self._is_lost:
-            return None
-        if solution is None or self._states.doubted:
-            thoughts.pause()
-            return None
-        clock.lap()
-        proposals, region = thoughts.proposals(frame, solution.cam_T_obj), pursuit.region
-        clock.search_s += clock.lap()
-        best = pursuit.best_of(frame, proposals, clock)
-        if best is None or not thoughts.prefer(best, self._right(best), solution):
+    def _elsewhere(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Solution | None:
+        """A frame solved from where second thoughts find a part that is followed; None where its solution stays."""
+        pursuit, region = self._pursuit, self._pursuit.region
+        best = pursuit.best_of(frame, self._whereabouts.second_thoughts(frame, solution, clock), clock)
+        if best is None or solution is None or not self._whereabouts.prefers(best, solution):
             pursuit.region = region
             return None
-        return best
-
-    def _look_again(self, frame: Frame, solution: Solution, quality: float, clock: Stopwatch) -> str:
-        """Whether a part that came back elsewhere is it; the reason when the state changed."""
-        if self._way_back is None or self._is_lost:
-            return ""
-        if not self._states.doubted:
-            self._way_back.forget()
-            return ""
-        clock.lap()
-        is_sure = quality >= SURE_QUALITY and self._is_exact(solution)
-        verdict = self._way_back.second_look(frame, solution.cam_T_obj, self._last_seen, is_sure)
-        clock.search_s += clock.lap()
-        if verdict is Verdict.WRONG:
-            self._fitted = False
-            return self._states.lose("a second look found it elsewhere")
-        if verdict is Verdict.RIGHT:
-            self._states.doubted, self._last_seen, self._believed = False, solution.cam_T_obj, True
-        return ""
-
-    def _try(self, frame: Frame, proposals: list[FloatArray], clock: Stopwatch) -> Solution | None:
-        """The best solution from proposals; the search goes on around it where it fits."""
-        best = self._pursuit.best_of(frame, proposals, clock)
-        if best is not None and self._way_back is not None and self._quality(best) > self.method.states.found_above:
-            self._way_back.look_around(best.cam_T_obj)
         return best
 
     def _steady(self, frame: Frame, clock: Stopwatch) -> Frame:
@@ -493,7 +378,7 @@ class Tracker:
         begin_s: float,
         note: str,
     ) -> TrackResult:
-        judgement, covariance, glass = solution.judgement, self._covariance(solution), self.solver.glass
+        judgement, covariance, glass = solution.judgement, self._assessment.covariance(solution), self.solver.glass
         return TrackResult(
             frame_id=frame.index,
             # Copies: whoever gets the result may change them, to metres say, and the tracker goes on from its own.
@@ -502,7 +387,7 @@ class Tracker:
             control_points=glass.points(solution.estimate.control_points).copy(),
             loss=solution.loss,
             quality=quality,
-            state=self._states.state,
+            state=self._whereabouts.state,
             region=self._pursuit.region,
             edges=glass.edges(judgement.edges),
             residuals_px=glass.lengths(judgement.residuals_px),
@@ -511,9 +396,9 @@ class Tracker:
             note=note,
             steps=glass.steps(solution.steps),
             covariance=covariance,
-            exactness=self._exactness(solution.cam_T_obj, covariance),
+            exactness=self._assessment.exactness(solution.cam_T_obj, covariance),
             target=glass.target(judgement.target_view) if self.records_target else None,
-            sought=self._sought,
+            sought=self._whereabouts.sought,
         )
 
     def _blind(
@@ -532,7 +417,7 @@ class Tracker:
             control_points=self._project(frame.camera, pose),
             loss=float("nan"),
             quality=0.0,
-            state=self._states.state,
+            state=self._whereabouts.state,
             region=self._pursuit.region,
             edges=None,
             residuals_px=None,
@@ -541,12 +426,8 @@ class Tracker:
                 frame.undistort_s if isinstance(frame, Frame) else 0.0, time.perf_counter() - begin_s
             ),
             note=note,
-            sought=self._sought,
+            sought=self._whereabouts.sought,
         )
-
-    @property
-    def _sought(self) -> Sought | None:
-        return self._way_back.sought if self._is_lost and self._way_back is not None else None
 
     def _project(self, camera: Camera | None, pose: FloatArray) -> FloatArray:
         if camera is None:

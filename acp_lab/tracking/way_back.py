@@ -99,8 +99,6 @@ WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
 WIDE_FRAMES = 2
 """Frames that a wide search gets between two searches nearby: a part that is back where it was is found at once."""
 
-LEAST_EXACT = 0.5
-"""Exactness below which a pose of a part that was lost or weak needs a second look."""
 SURE_QUALITY = 0.85
 """From which on a pose elsewhere is believed without a second look."""
 SURE_FRAMES = 5

@@ -17,6 +17,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.find import Detection
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
@@ -228,7 +229,7 @@ def test_a_gap_is_no_row_of_frames() -> None:
     model = prepared(part)
     model = replace(model, views=make_views(part, model.best_generator()))
     tracker = Tracker(model, replace(ACP, way_back=WayBack(poor_below=1.0)))
-    thoughts = tracker._second_thoughts
+    thoughts = tracker._whereabouts._second_thoughts
     assert thoughts is not None
     shown = Frame(0, draw([(part, pose)], 0, LARGE), LARGE)
     tracker.start(shown, pose)
@@ -251,7 +252,7 @@ def test_a_part_on_probation_teaches_nothing(
     shown, learnt = Frame(0, draw([(part, pose)], 0, LARGE), LARGE), list[int]()
     monkeypatch.setattr(Tracker, "_learn", lambda self, frame, *_: learnt.append(frame.index))
     monkeypatch.setattr(SecondThoughts, "proposals", lambda *_: [])
-    thoughts = tracker._second_thoughts
+    thoughts = tracker._whereabouts._second_thoughts
     assert thoughts is not None
     tracker.start(shown, pose)
     for k in range(1, 10):
@@ -264,9 +265,9 @@ def test_a_part_on_probation_teaches_nothing(
 def test_methods_without_a_probability_have_no_second_thoughts() -> None:
     model = prepared(bracket())
     model = replace(model, views=make_views(model.part, model.best_generator()))
-    assert Tracker(model)._second_thoughts is not None
-    assert Tracker(model, replace(ACP, confidence=Off()))._second_thoughts is None
-    assert Tracker(replace(model, views=None))._second_thoughts is None
+    assert Tracker(model)._whereabouts._second_thoughts is not None
+    assert Tracker(model, replace(ACP, confidence=Off()))._whereabouts._second_thoughts is None
+    assert Tracker(replace(model, views=None))._whereabouts._second_thoughts is None
 
 
 def test_a_part_that_is_followed_beside_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -277,7 +278,7 @@ def test_a_part_that_is_followed_beside_itself_is_found(monkeypatch: pytest.Monk
     model = replace(model, views=make_views(part, model.best_generator()))
     beside = move_pose(truth[0], part.box_centre, np.array([0.0, 0.0, 0.4, 12.0, -8.0, 60.0]))
 
-    def fits_somewhat(_: Tracker, solution: Solution) -> float:
+    def fits_somewhat(_: Assessment, solution: Solution) -> float:
         """The part never counts as lost."""
         return 0.97 if add_percent(part, solution.cam_T_obj, truth[0]) < 5.0 else 0.6
 
@@ -291,7 +292,7 @@ def test_a_part_that_is_followed_beside_itself_is_found(monkeypatch: pytest.Monk
         assert seen is not None
         return pursuit.predicted, pursuit.solver.look_at(seen, seen.view.at_pose(beside), LOOK_LEVEL, clock)
 
-    monkeypatch.setattr(Tracker, "_quality", fits_somewhat)
+    monkeypatch.setattr(Assessment, "quality", fits_somewhat)
     monkeypatch.setattr(Pursuit, "follow", stuck)
     off, notes = dict[str, list[float]](), list[str]()
     for name, poor_frames in (("with", 5), ("without", 0)):

@@ -14,6 +14,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.find import Detection, LateFinder
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
@@ -250,12 +251,12 @@ def test_a_doubtful_return_teaches_nothing_and_is_lost_again_when_it_is_wrong(
     tracker.start(Frame(0, images[0], LARGE), truth[0])
     results = [tracker.track(Frame(k, images[k], LARGE)) for k in range(1, 6)]
     results += [tracker.track(Frame(k, images[7], LARGE)) for k in range(6, 9)]
-    seen, before = tracker._last_seen, len(learnt)
+    seen, before = tracker._whereabouts.last_seen, len(learnt)
     results += [tracker.track(Frame(k, images[5], LARGE)) for k in range(9, 14)]
     states = [result.state for result in results[7:]]
     assert states == [TrackState.LOST] * 2 + [TrackState.WEAK] * 3 + [TrackState.LOST]
     assert "elsewhere" in results[-1].note
-    assert np.array_equal(tracker._last_seen, seen)
+    assert np.array_equal(tracker._whereabouts.last_seen, seen)
     assert len(learnt) == before
 
 
@@ -274,7 +275,7 @@ def test_a_part_that_was_weak_and_turns_up_elsewhere_is_doubted(
         places.append(last_seen)
         return len(asked) == 1
 
-    monkeypatch.setattr(Tracker, "_quality", lambda *_: next(qualities))
+    monkeypatch.setattr(Assessment, "quality", lambda *_: next(qualities))
     monkeypatch.setattr(Reacquisition, "doubts", doubts)
     monkeypatch.setattr(Reacquisition, "second_look", lambda *_: next(answers))
     tracker = Tracker(model)
@@ -299,8 +300,8 @@ def test_a_part_that_was_weak_and_whose_pose_nothing_fixes_is_doubted(
         looks.append(frame.index)
         return next(answers)
 
-    monkeypatch.setattr(Tracker, "_quality", lambda *_: next(qualities))
-    monkeypatch.setattr(Tracker, "_exactness", lambda *_: 0.3)
+    monkeypatch.setattr(Assessment, "quality", lambda *_: next(qualities))
+    monkeypatch.setattr(Assessment, "exactness", lambda *_: 0.3)
     monkeypatch.setattr(Reacquisition, "doubts", lambda *_: False)
     monkeypatch.setattr(Reacquisition, "second_look", second_look)
     tracker = Tracker(model)
