@@ -5,18 +5,23 @@ Then the same image means another pose, so errors are to the pose that explains 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import argparse
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from acp_lab.evaluation.part_metric import PartMetric
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
-from acp_lab.sequences.bop import BopScene
+from acp_lab.sequences.bop import BopDataset, BopScene
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.tracker import Tracker
-from benchmarks.runs import LOST, STARTS, visible_frames
+from benchmarks import measured
+from benchmarks.robustness import SPLITS, is_in_split
+from benchmarks.runs import LOST, STARTS, part_name, visible_frames
 
 STARTS_TOLD = ("truth", "5")
 UNIT = {
@@ -43,6 +48,68 @@ class Told:
     frame: Frame
     best: FloatArray
     counts: bool
+
+
+@dataclass(frozen=True)
+class ToldRun:
+    """A run in which something was told wrong, the first frame left out.
+
+    told: what; errors: of the frames that count; moved: of all of them. ADD(-S) as a share of the diameter.
+    """
+
+    told: str
+    start: str
+    errors: FloatArray
+    moved: FloatArray
+
+
+Run = TypeVar("Run", bound=ToldRun)
+
+
+def arguments(doc: str | None) -> argparse.ArgumentParser:
+    """The command line of a benchmark of such runs."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("datasets", nargs="+", type=Path)
+    parser.add_argument("--parts", type=Path, required=True)
+    parser.add_argument("--method", default="acp")
+    parser.add_argument("--split", choices=SPLITS, default="all")
+    parser.add_argument("--record", metavar="KEY")
+    return parser
+
+
+def rows_of(
+    args: argparse.Namespace, runs_of: Callable[[BopScene], Iterator[Run]], row: Callable[[list[Run]], dict[str, float]]
+) -> dict[str, dict[str, float]]:
+    """Run all scenes of the split and print what comes of it; a row by what was told and the start."""
+    runs = dict[str, list[Run]]()
+    for root in args.datasets:
+        for scene_id in BopDataset(root).scenes():
+            scene = BopDataset(root).open_scene(scene_id)
+            if is_in_split(part_name(root, scene.object_ids[0]), args.split):
+                new = {f"{run.told}, {run.start}": run for run in runs_of(scene)}
+                errors = [f"{name}: {100 * np.median(run.errors):.1f}%" for name, run in new.items()]
+                print(root.name, scene_id, *errors, sep="  ", flush=True)
+                for name, run in new.items():
+                    runs.setdefault(name, []).append(run)
+    rows = {name: row(some) for name, some in runs.items()}
+    for name, values in rows.items():
+        print(name, values)
+    return rows
+
+
+def record(
+    args: argparse.Namespace, key: str, what: str, unit: dict[str, str], rows: dict[str, dict[str, float]]
+) -> None:
+    """Store rows, where that was asked for. what: that was told."""
+    if args.record:
+        about = f"{what}; tracker {args.method}, forwards, parts for {args.split}"
+        measured.record(f"{key}.{args.record}", about, unit, ", ".join(root.name for root in args.datasets), rows)
+
+
+def row_of(runs: Sequence[ToldRun]) -> dict[str, float]:
+    """Recalls and how far poses moved, over runs."""
+    moved = float(np.median(np.concatenate([run.moved for run in runs])))
+    return recalls(run.errors for run in runs) | {"moved": moved}
 
 
 def true_frames(scene: BopScene) -> list[TrueFrame]:

@@ -29,9 +29,11 @@ from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.arrays import FloatArray  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose, transform  # noqa: E402
 from acp_lab.geometry.pose_step import pose_step_between  # noqa: E402
+from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
-from acp_lab.tracking.method import ACP  # noqa: E402
+from acp_lab.tracking.assessment import Assessment  # noqa: E402
+from acp_lab.tracking.method import ACP, Method  # noqa: E402
 from acp_lab.tracking.solution import Solution  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from acp_lab.tracking.uncertainty import PoseUncertainty  # noqa: E402
@@ -71,14 +73,32 @@ class Pose:
         return float(error @ np.linalg.solve(block, error)), float(np.linalg.slogdet(block)[1])
 
 
-class Watched(Tracker):
-    """Keeps the solution of the last frame as it is reported; where the part is not seen, that of the frame before."""
+class _Keeping(Assessment):
+    """Keeps the solution whose covariance was asked for last: that which is reported."""
 
     solution: Solution | None = None
 
-    def _covariance(self, solution: Solution) -> FloatArray | None:
+    def covariance(self, solution: Solution) -> FloatArray | None:
+        """As ever."""
         self.solution = solution
-        return super()._covariance(solution)
+        return super().covariance(solution)
+
+
+class Watched(Tracker):
+    """Keeps the solution of the last frame as it is reported; where the part is not seen, that of the frame before."""
+
+    def __init__(self, model: PreparedPart, method: Method) -> None:
+        super().__init__(model, method)
+        self._assessment = self._keeping = _Keeping(model.part, method)
+
+    @property
+    def solution(self) -> Solution | None:
+        """None before there is one, or where it was set to None since."""
+        return self._keeping.solution
+
+    @solution.setter
+    def solution(self, solution: Solution | None) -> None:
+        self._keeping.solution = solution
 
 
 def main() -> None:

@@ -14,7 +14,6 @@ frame counts when at least 30% of the part is visible. PARTS holds prepared part
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,13 +31,22 @@ from acp_lab.geometry.arrays import FloatArray  # noqa: E402
 from acp_lab.geometry.camera import Camera, Undistorter  # noqa: E402
 from acp_lab.geometry.point_pnp import PointPnP, solve_point_pnp  # noqa: E402
 from acp_lab.geometry.pose import transform  # noqa: E402
-from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
+from acp_lab.sequences.bop import BopScene  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
-from benchmarks import measured  # noqa: E402
-from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
-from benchmarks.told_wrong import STARTS_TOLD, UNIT, Told, follow, recalls, true_frames  # noqa: E402
+from benchmarks.runs import prepared_part_of  # noqa: E402
+from benchmarks.told_wrong import (  # noqa: E402
+    STARTS_TOLD,
+    UNIT,
+    Told,
+    ToldRun,
+    arguments,
+    follow,
+    record,
+    row_of,
+    rows_of,
+    true_frames,
+)
 
 POINTS = 200
 """Vertices that say which pose explains an image."""
@@ -75,48 +83,17 @@ MISFIT = {"misfit": "px that no pose explains, root mean square over the frames 
 
 
 @dataclass(frozen=True)
-class CameraRun:
-    """A run with a wrong camera, the first frame left out.
+class CameraRun(ToldRun):
+    """A run with a wrong camera. misfit_px: of all frames but the first."""
 
-    errors: of the frames that count; misfit_px, moved: of all of them. ADD(-S) as a share of the diameter.
-    """
-
-    camera: str
-    start: str
-    errors: FloatArray
     misfit_px: FloatArray
-    moved: FloatArray
 
 
 def main() -> None:
     """See the module."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("datasets", nargs="+", type=Path)
-    parser.add_argument("--parts", type=Path, required=True)
-    parser.add_argument("--method", default="acp")
-    parser.add_argument("--split", choices=SPLITS, default="all")
-    parser.add_argument("--record", metavar="KEY")
-    args = parser.parse_args()
-    runs: list[CameraRun] = []
-    for root in args.datasets:
-        for scene_id in BopDataset(root).scenes():
-            scene = BopDataset(root).open_scene(scene_id)
-            if is_in_split(part_name(root, scene.object_ids[0]), args.split):
-                new = list(_runs(scene, args.parts, method_named(args.method)))
-                told = [f"{run.camera}, {run.start}: {100 * np.median(run.errors):.1f}%" for run in new]
-                print(root.name, scene_id, *told, sep="  ", flush=True)
-                runs += new
-    values = {
-        f"{camera}, {start}": _row([run for run in runs if (run.camera, run.start) == (camera, start)])
-        for camera in CAMERAS
-        for start in STARTS_TOLD
-    }
-    for name, row in values.items():
-        print(name, row)
-    if args.record:
-        about = f"a camera that is not calibrated well; tracker {args.method}, forwards, parts for {args.split}"
-        names = ", ".join(root.name for root in args.datasets)
-        measured.record(f"wrong_camera.{args.record}", about, UNIT | MISFIT, names, values)
+    args = arguments(__doc__).parse_args()
+    rows = rows_of(args, lambda scene: _runs(scene, args.parts, method_named(args.method)), _row)
+    record(args, "wrong_camera", "a camera that is not calibrated well", UNIT | MISFIT, rows)
 
 
 def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Camera) -> PointPnP:
@@ -124,7 +101,8 @@ def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Camera) 
     chosen = np.random.default_rng(0).permutation(len(part.vertices))[:POINTS]
     pixels = camera.project(transform(cam_T_obj, part.vertices[chosen]))
     if wrong.is_distorted:
-        pixels = cv2.undistortPoints(pixels, wrong.matrix, np.asarray(wrong.dist), P=wrong.matrix).reshape(-1, 2)
+        undistorted = cv2.undistortPoints(pixels, wrong.matrix, np.asarray(wrong.dist), P=wrong.matrix)
+        pixels = np.asarray(undistorted, np.float64).reshape(-1, 2)
     return solve_point_pnp(part.vertices[chosen], pixels, wrong.pinhole())
 
 
@@ -142,14 +120,12 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[CameraRun]:
             moved.append(metric.share(best.cam_T_obj, one.truth))
         for start in STARTS_TOLD:
             errors = follow(told, Tracker(model, method), metric, start, (0, scene.scene_id, scene.object_ids[0]))
-            yield CameraRun(name, start, errors, np.array(misfit_px[1:]), np.array(moved[1:]))
+            yield CameraRun(name, start, errors, np.array(moved[1:]), np.array(misfit_px[1:]))
 
 
 def _row(runs: list[CameraRun]) -> dict[str, float]:
-    return recalls(run.errors for run in runs) | {
-        "misfit": float(np.sqrt(np.mean(np.concatenate([run.misfit_px for run in runs]) ** 2))),
-        "moved": float(np.median(np.concatenate([run.moved for run in runs]))),
-    }
+    misfits_px = np.concatenate([run.misfit_px for run in runs])
+    return row_of(runs) | {"misfit": float(np.sqrt(np.mean(misfits_px**2)))}
 
 
 if __name__ == "__main__":

@@ -14,9 +14,7 @@ Meshes must be closed; needs the extra "recipes".
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from acp_lab.commands.machine import limit_threads
@@ -37,13 +35,22 @@ from acp_lab.geometry.point_pnp import solve_point_pnp  # noqa: E402
 from acp_lab.geometry.pose import transform  # noqa: E402
 from acp_lab.preparation import prepare  # noqa: E402
 from acp_lab.prepared_part import PreparedPart  # noqa: E402
-from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
+from acp_lab.sequences.bop import BopScene  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
-from benchmarks import measured  # noqa: E402
-from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
-from benchmarks.told_wrong import STARTS_TOLD, UNIT, Told, follow, recalls, true_frames  # noqa: E402
+from benchmarks.runs import prepared_part_of  # noqa: E402
+from benchmarks.told_wrong import (  # noqa: E402
+    STARTS_TOLD,
+    UNIT,
+    Told,
+    ToldRun,
+    arguments,
+    follow,
+    record,
+    row_of,
+    rows_of,
+    true_frames,
+)
 
 POINTS = 200
 """Vertices that say which pose explains an image."""
@@ -101,49 +108,13 @@ MESHES: dict[str, Callable[[Part], Part]] = {
 }
 
 
-@dataclass(frozen=True)
-class MeshRun:
-    """A run with a wrong mesh, the first frame left out.
-
-    errors: of the frames that count; moved: of all of them. ADD(-S) as a share of the diameter.
-    """
-
-    mesh: str
-    start: str
-    errors: FloatArray
-    moved: FloatArray
-
-
 def main() -> None:
     """See the module."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("datasets", nargs="+", type=Path)
-    parser.add_argument("--parts", type=Path, required=True)
+    parser = arguments(__doc__)
     parser.add_argument("--wrong-parts", type=Path, required=True, metavar="OUT")
-    parser.add_argument("--method", default="acp")
-    parser.add_argument("--split", choices=SPLITS, default="all")
-    parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
-    runs: list[MeshRun] = []
-    for root in args.datasets:
-        for scene_id in BopDataset(root).scenes():
-            scene = BopDataset(root).open_scene(scene_id)
-            if is_in_split(part_name(root, scene.object_ids[0]), args.split):
-                new = list(_runs(scene, args.parts, args.wrong_parts, method_named(args.method)))
-                told = [f"{run.mesh}, {run.start}: {100 * np.median(run.errors):.1f}%" for run in new]
-                print(root.name, scene_id, *told, sep="  ", flush=True)
-                runs += new
-    values = {
-        f"{mesh}, {start}": _row([run for run in runs if (run.mesh, run.start) == (mesh, start)])
-        for mesh in MESHES
-        for start in STARTS_TOLD
-    }
-    for name, row in values.items():
-        print(name, row)
-    if args.record:
-        about = f"a CAD model that is not exact; tracker {args.method}, forwards, parts for {args.split}"
-        names = ", ".join(root.name for root in args.datasets)
-        measured.record(f"wrong_mesh.{args.record}", about, UNIT, names, values)
+    rows = rows_of(args, lambda scene: _runs(scene, args.parts, args.wrong_parts, method_named(args.method)), row_of)
+    record(args, "wrong_mesh", "a CAD model that is not exact", UNIT, rows)
 
 
 def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Part) -> FloatArray:
@@ -158,7 +129,7 @@ def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Part) ->
     return solve_point_pnp(wrong.vertices[chosen], pixels, camera).cam_T_obj
 
 
-def _runs(scene: BopScene, parts: Path, wrong_parts: Path, method: Method) -> Iterator[MeshRun]:
+def _runs(scene: BopScene, parts: Path, wrong_parts: Path, method: Method) -> Iterator[ToldRun]:
     right, frames = prepared_part_of(scene, parts), true_frames(scene)
     metric, seed = PartMetric(right.part), (0, scene.scene_id, scene.object_ids[0])
     for name, wrong in MESHES.items():
@@ -170,7 +141,7 @@ def _runs(scene: BopScene, parts: Path, wrong_parts: Path, method: Method) -> It
         moved = [metric.share(pose, one.truth) for one, pose in zip(frames, best, strict=True)]
         for start in STARTS_TOLD:
             errors = follow(told, Tracker(model, method), metric, start, seed)
-            yield MeshRun(name, start, errors, np.array(moved[1:]))
+            yield ToldRun(name, start, errors, np.array(moved[1:]))
 
 
 def _prepared(part: Part, folder: Path) -> PreparedPart:
@@ -194,11 +165,6 @@ def _part(body: Manifold, part: Part) -> Part:
     mesh = body.to_mesh()
     vertices = np.asarray(mesh.vert_properties, np.float64)[:, :3]
     return Part.from_mesh(vertices, np.asarray(mesh.tri_verts, np.int64), part.name, part.symmetries)
-
-
-def _row(runs: list[MeshRun]) -> dict[str, float]:
-    moved = float(np.median(np.concatenate([run.moved for run in runs])))
-    return recalls(run.errors for run in runs) | {"moved": moved}
 
 
 if __name__ == "__main__":

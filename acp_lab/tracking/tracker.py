@@ -1,8 +1,8 @@
 """The tracker of one part, and the only frame loop: predict, look, solve, recover, learn, report.
 
 What it does in each stage is its method's (see `method`); the loop is the same for all. How a frame's pose is found is
-in `pursuit`. The state that goes from frame to frame is the paper's: four image control points I with their 3D points
-W, or the pose that says the same.
+in `pursuit`, whether the part is there in `whereabouts`. The state that goes from frame to frame is the paper's: four
+image control points I with their 3D points W, or the pose that says the same.
 """
 
 from __future__ import annotations

@@ -42,6 +42,6 @@ def test_what_no_pose_explains_grows_with_the_error() -> None:
 
 def test_a_row_counts_frames_and_lost_runs() -> None:
     errors = np.array([0.01, 0.03, 0.2, 0.01])
-    runs = [CameraRun("as it is", "5", some, np.full(4, 0.5), np.full(4, 0.25)) for some in (errors, errors * 2.0)]
+    runs = [CameraRun("as it is", "5", some, np.full(4, 0.25), np.full(4, 0.5)) for some in (errors, errors * 2.0)]
     row = _row(runs)
     assert row == pytest.approx({"@2": 0.25, "@5": 0.625, "lost": 1, "runs": 2, "misfit": 0.5, "moved": 0.25})

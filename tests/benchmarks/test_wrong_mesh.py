@@ -12,7 +12,9 @@ from acp_lab.cad.part import Part
 from acp_lab.errors import PartError
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
-from benchmarks.wrong_mesh import MESHES, MeshRun, _row, explained, solid
+from benchmarks.told_wrong import ToldRun
+from benchmarks.told_wrong import row_of as _row
+from benchmarks.wrong_mesh import MESHES, explained, solid
 from tests.made_parts import bracket, looking_at
 
 CAMERA = Camera(640, 512, 700.0, 700.0, 319.5, 255.5)
@@ -77,5 +79,5 @@ def test_a_mesh_that_is_not_closed_is_named() -> None:
 
 def test_a_row_counts_frames_and_lost_runs() -> None:
     errors = np.array([0.01, 0.03, 0.2, 0.01])
-    runs = [MeshRun("as it is", "5", some, np.full(4, 0.25)) for some in (errors, errors * 2.0)]
+    runs = [ToldRun("as it is", "5", some, np.full(4, 0.25)) for some in (errors, errors * 2.0)]
     assert _row(runs) == pytest.approx({"@2": 0.25, "@5": 0.625, "lost": 1, "runs": 2, "moved": 0.25})
