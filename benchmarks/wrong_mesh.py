@@ -3,8 +3,9 @@
     python -m benchmarks.wrong_mesh metal_hard metal_dev own_checking --parts PARTS --wrong-parts OUT --split checking
 
 The tracker is given another mesh than that of the part in the images (`MESHES`): its convex hull, one with a bolt or a
-hole that the part does not have, with few and large faces, or longer than it should be. Forwards, from truth and from 5
-degrees and 5 mm off, with defaults; the wrong parts are prepared as any other, and kept in OUT.
+hole that the part does not have, with few and large faces, longer than it should be, or with faces that do not share
+their edges. Forwards, from truth and from 5 degrees and 5 mm off, with defaults; the wrong parts are prepared as any
+other, and kept in OUT.
 
 Errors are measured, with the part's own mesh, against the truth; for a part of another size against the pose that
 explains each image best, by least squares over the vertices. Moved: how far that pose is from the truth, ADD. A frame
@@ -14,7 +15,7 @@ Meshes must be closed; needs the extra "recipes".
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from acp_lab.commands.machine import limit_threads
@@ -96,6 +97,28 @@ def longer(times: float) -> Callable[[Part], Part]:
     return stretched
 
 
+def torn(share: float) -> Callable[[Part], Part]:
+    """With so many of its edges, as a share, torn: the side of one of the two faces has a vertex more in its middle."""
+
+    def with_gaps(part: Part) -> Part:
+        mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+        vertices, faces, cut = list(part.vertices), list(part.faces), set[int]()
+        order = np.random.default_rng(0).permutation(len(mesh.face_adjacency))
+        for edge in order[: round(share * len(order))]:
+            face = int(mesh.face_adjacency[edge, 0])
+            if face in cut:
+                continue
+            cut.add(face)
+            apex = int(np.flatnonzero(~np.isin(part.faces[face], mesh.face_adjacency_edges[edge]))[0])
+            c, a, b = np.roll(part.faces[face], -apex)
+            faces[face] = np.array([a, len(vertices), c])
+            faces.append(np.array([len(vertices), b, c]))
+            vertices.append(0.5 * (part.vertices[a] + part.vertices[b]))
+        return Part.from_mesh(vertices, faces, part.name, part.symmetries)
+
+    return with_gaps
+
+
 MESHES: dict[str, Callable[[Part], Part]] = {
     "as it is": lambda part: part,
     "convex hull": hull,
@@ -105,6 +128,7 @@ MESHES: dict[str, Callable[[Part], Part]] = {
     "1% coarse": coarse(0.01),
     "1% longer": longer(1.01),
     "3% longer": longer(1.03),
+    "a tenth torn": torn(0.1),
 }
 
 
@@ -112,8 +136,10 @@ def main() -> None:
     """See the module."""
     parser = arguments(__doc__)
     parser.add_argument("--wrong-parts", type=Path, required=True, metavar="OUT")
+    parser.add_argument("--meshes", nargs="+", default=list(MESHES), choices=list(MESHES), metavar="NAME")
     args = parser.parse_args()
-    rows = rows_of(args, lambda scene: _runs(scene, args.parts, args.wrong_parts, method_named(args.method)), row_of)
+    method = method_named(args.method)
+    rows = rows_of(args, lambda scene: _runs(scene, args.meshes, args.parts, args.wrong_parts, method), row_of)
     record(args, "wrong_mesh", "a CAD model that is not exact", UNIT, rows)
 
 
@@ -129,13 +155,13 @@ def explained(part: Part, cam_T_obj: FloatArray, camera: Camera, wrong: Part) ->
     return solve_point_pnp(wrong.vertices[chosen], pixels, camera).cam_T_obj
 
 
-def _runs(scene: BopScene, parts: Path, wrong_parts: Path, method: Method) -> Iterator[ToldRun]:
+def _runs(scene: BopScene, names: Sequence[str], parts: Path, wrong_parts: Path, method: Method) -> Iterator[ToldRun]:
     right, frames = prepared_part_of(scene, parts), true_frames(scene)
     metric, seed = PartMetric(right.part), (0, scene.scene_id, scene.object_ids[0])
-    for name, wrong in MESHES.items():
+    for name in names:
         model = right
         if name != "as it is":
-            model = _prepared(wrong(right.part), wrong_parts / name.replace(" ", "_") / scene.dataset.name)
+            model = _prepared(MESHES[name](right.part), wrong_parts / name.replace(" ", "_") / scene.dataset.name)
         best = [explained(right.part, one.truth, one.frame.camera, model.part) for one in frames]
         told = [Told(one.frame, pose, one.counts) for one, pose in zip(frames, best, strict=True)]
         moved = [metric.share(pose, one.truth) for one, pose in zip(frames, best, strict=True)]

@@ -2,9 +2,9 @@
 
 Everything later in the package asks a `Part` for its geometry, so the mesh is cleaned once, here: duplicate
 vertices are merged (an STL file has three of its own for every face; faces share edges only after merging),
-faces without area and second copies of a face are dropped, and the arrays are plain and read-only. Face winding
-is kept as it is in the file, except that closed bodies that are turned inside out are turned back, so that
-normals point out of the metal.
+faces without area and second copies of a face are dropped, faces that meet without sharing an edge are put together,
+and the arrays are plain and read-only. Face winding is kept as it is in the file, except that closed bodies that are
+turned inside out are turned back, so that normals point out of the metal.
 
 Units: nothing in a PLY, OBJ or STL file says them. A size that smells of metres or inches is an error, not
 a guess.
@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from acp_lab.cad.bodies import is_closed, turned_out
 from acp_lab.cad.mesh_file import read_mesh_file
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
+from acp_lab.cad.stitching import stitched
 from acp_lab.errors import PartError
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 from acp_lab.input_file import LARGEST_NUMBER
@@ -38,6 +39,9 @@ DIAMETER_TOLERANCE = 0.02
 """Between models_info.json and the mesh: more than any re-meshing, less than any other part."""
 COARSEST = 1e-4
 """Of the part's size: what its numbers tell apart. Beyond it, fillets lose their shape to rounding."""
+STITCHES = 10.0
+"""Times the distance at which vertices are one: that of a vertex to a side on which it lies. A row of faces without
+height, each of which went, may be as wide as several."""
 _UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
 
 
@@ -137,14 +141,13 @@ def box_corners(part: Part) -> FloatArray:
     return part.box_min + bits * part.box_size
 
 
-def clean_mesh(
-    vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float = 1.0
-) -> tuple[FloatArray, IntArray]:
-    """Merge duplicate vertices, drop faces without area and second copies, turn closed bodies that are inside out.
+def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float = 1.0) -> tuple[FloatArray, IntArray]:
+    """Merge duplicate vertices, drop faces without area and second copies, stitch, turn bodies that are inside out.
 
-    vertices (n, 3) mm, faces (m, 3); both keep their order and come back read-only. Two vertices are one
-    when they are nearer than their numbers can tell apart, or than 1e-6 of the size. The numbers are taken for
-    float32 (all that STL and most PLY files store) where each is one, in the file's unit of unit_mm.
+    vertices (n, 3) mm, faces (m, 3); both keep their order, except for faces that are cut (see `stitched`), and come
+    back read-only. Two vertices are one when they are nearer than their numbers can tell apart, or than 1e-6 of the
+    size. The numbers are taken for float32 (all that STL and most PLY files store) where each is one, in the file's
+    unit of unit_mm.
     Raises PartError, whose message begins with `where`.
     """
     points, corners = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
@@ -171,13 +174,15 @@ def clean_mesh(
     tolerance = max(1e-6 * size, resolution)
     points, corners = _merged(points, corners, tolerance)
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    corners = turned_out(points, _without_copies(corners))
-    # A face without height has no normal. It goes only now because dropping it can open a closed mesh.
+    corners = _without_copies(corners)
     a, b, c = points[corners].transpose(1, 0, 2)
     longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
+    # A face without height has no normal.
     corners = corners[np.linalg.norm(np.cross(b - a, c - a), axis=1) > tolerance * longest]
     if len(corners) == 0:
         raise PartError(f"{where}: every face has zero area: export the part as a triangle mesh")
+    # Its neighbours share no edge now. What was closed with it is closed again before its bodies are turned.
+    corners = turned_out(points, stitched(points, corners, STITCHES * tolerance))
     points, corners = _without_unused(points, np.ascontiguousarray(corners))
     points.flags.writeable = corners.flags.writeable = False
     return points, corners

@@ -35,6 +35,8 @@ def test_what_is_there_too_much_and_too_little() -> None:
     assert volumes["1% coarse"] == pytest.approx(1.0, abs=0.05)
     assert volumes["1% longer"] == pytest.approx(1.01)
     assert volumes["3% longer"] == pytest.approx(1.03)
+    assert volumes["a tenth torn"] == pytest.approx(1.0)  # and closed, or it would have none
+    assert len(MESHES["a tenth torn"](part).faces) > 1.1 * len(part.faces)
 
 
 @pytest.mark.parametrize("name", MESHES)
