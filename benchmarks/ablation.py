@@ -104,7 +104,7 @@ def times_ms(decoded: DecodedScene, model: PreparedPart) -> dict[str, dict[str, 
     from acp_lab.tracking.tracker import Tracker
 
     as_they_are = list(decoded.frames())[: TIMED_FRAMES + 1]
-    rows = {}
+    rows: dict[str, dict[str, float]] = {}
     for frames in (as_they_are, [_resized(frame, PAPER_SIZE) for frame in as_they_are]):
         size = f"{frames[0].camera.width}x{frames[0].camera.height}"
         rows[size] = {}
@@ -134,7 +134,8 @@ def _resized(frame: Frame, size: tuple[int, int]) -> Frame:
     # Pixel centres: (0, 0) lies half a pixel inside the image's corner.
     cx, cy = (camera.cx + 0.5) * sx - 0.5, (camera.cy + 0.5) * sy - 0.5
     larger = replace(camera, width=size[0], height=size[1], fx=camera.fx * sx, fy=camera.fy * sy, cx=cx, cy=cy)
-    return replace(frame, image=cv2.resize(frame.image, size, interpolation=cv2.INTER_CUBIC), camera=larger)
+    image = np.asarray(cv2.resize(frame.image, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+    return replace(frame, image=image, camera=larger)
 
 
 def main() -> None:

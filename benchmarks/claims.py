@@ -23,6 +23,7 @@ import numpy as np  # noqa: E402
 
 if TYPE_CHECKING:
     from acp_lab.cad.part import Part
+    from acp_lab.studies.ambiguity import AmbiguousPair
     from acp_lab.studies.true_edges import TrueEdges
 
 MOTIONS = ((1.0, 0.0), (2.0, 0.0), (3.0, 0.0), (0.0, 4.0), (0.5, 5.0))
@@ -100,7 +101,8 @@ def ambiguity(all_parts: list[tuple[Part, TrueEdges]]) -> dict[str, dict[str, fl
     from acp_lab.studies.ambiguity import find_ambiguities
     from acp_lab.studies.distinction import shaded_picture, tells_apart
 
-    pairs, wrong = [], {"outline": 0, "edges": 0, "image": 0}
+    pairs: list[AmbiguousPair] = []
+    wrong = {"outline": 0, "edges": 0, "image": 0}
     images = 0
     for part, truth in all_parts:
         found = find_ambiguities(part, truth.edges, truth.caster)

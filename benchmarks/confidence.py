@@ -43,7 +43,7 @@ from acp_lab.tracking.targets.normals import NormalJudgement  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import FAULTS  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, readable_frames, visible_frames  # noqa: E402
 from benchmarks.uncertainty import Watched  # noqa: E402
 
 WRONG = 0.1
@@ -136,7 +136,7 @@ def _judged(name: str, scene: BopScene, parts: Path, method: Method) -> Iterator
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric, rng = PartMetric(model.part, 500), np.random.default_rng(scene.scene_id)
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    frames = readable_frames(scene)
     known = [frame for frame in frames if scene.truth(frame.index, object_id) is not None]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame in known])
     for order, off, fault in RUNS:
@@ -150,7 +150,7 @@ def _judged(name: str, scene: BopScene, parts: Path, method: Method) -> Iterator
         for number, (frame, truth) in enumerate(zip(run, truths, strict=True)):
             faulty = bool(fault) and number % 12 in (5, 6, 7, 8)
             if number:
-                tracker.solution = None
+                tracker.forget()
                 box = crop_box(box_corners(model.part), truth, frame.camera, 15.0)
                 tracker.track(FAULTS[fault](frame, box, rng) if faulty else frame)
             if tracker.solution is None or not (faulty or visible[frame.index]):

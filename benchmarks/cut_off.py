@@ -39,7 +39,7 @@ from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import Box  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import LOST, STARTS, VISIBLE, part_name, prepared_part_of, visible_shares  # noqa: E402
+from benchmarks.runs import LOST, STARTS, VISIBLE, part_name, prepared_part_of, readable_frames, visible_shares  # noqa: E402
 
 SIDES = ("left", "right", "top", "bottom")
 MEDIAN_BEYOND, MOST_BEYOND, PASSING_BEYOND = 0.4, 0.65, 0.6
@@ -111,7 +111,7 @@ def _runs(scene: BopScene, parts: Path, method: Method, side: str) -> Iterator[C
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric = PartMetric(model.part)
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    frames = readable_frames(scene)
     truths = {f.index: truth for f in frames if (truth := scene.truth(f.index, object_id)) is not None}
     frames = [frame for frame in frames if frame.index in truths]
     in_sight = visible_shares(scene.folder, object_id)

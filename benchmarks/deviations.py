@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from acp_lab.commands import machine
 
@@ -36,8 +36,9 @@ if TYPE_CHECKING:
     from acp_lab.geometry.arrays import FloatArray
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopScene
-    from acp_lab.sequences.frame import Frame, UnreadableFrame
+    from acp_lab.sequences.frame import Frame
     from acp_lab.tracking.method import Method
+    from acp_lab.tracking.motions import ControlPointVariables
 
 SEED = 0
 RIGIDITY = 0.2
@@ -71,11 +72,12 @@ def steps() -> dict[str, Method]:
     from acp_lab.tracking.sources.rigid import CadSamples
 
     literal, paper = METHODS["acp-paper-literal"], METHODS["acp-paper"]
-    residual = replace(literal, variables=replace(paper.variables, direction="homography", lengths="image"))
+    points = cast("ControlPointVariables", paper.variables)
+    residual = replace(literal, variables=replace(points, direction="homography", lengths="image"))
     at_pose = replace(residual, source=paper.source)
     bins = replace(at_pose, targets=paper.targets)
     annealed = replace(paper, variables=residual.variables)
-    in_image = replace(paper, variables=replace(paper.variables, lengths="image"))
+    in_image = replace(paper, variables=replace(points, lengths="image"))
     exact = CadSamples("learned", inset_outlines=True)
     found = {
         "literal": literal,
@@ -103,13 +105,15 @@ class DecodedScene:
     """A scene whose frames are decoded once for all runs."""
 
     def __init__(self, scene: BopScene) -> None:
+        from benchmarks.runs import readable_frames
+
         self.scene = scene
-        self._frames = list(scene.frames())
+        self._frames = readable_frames(scene)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.scene, name)
 
-    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+    def frames(self, max_frames: int | None = None) -> Iterator[Frame]:
         return islice(iter(self._frames), max_frames)
 
 
@@ -279,7 +283,9 @@ def main() -> None:
         decoded = DecodedScene(open_sequence(folder))
         model = load(options.parts, decoded.scene)
         true_images = perfectly_painted(model, model.autoencoder().regions, model.autoencoder().size)
-        by_step = dict.fromkeys((step for step in steps() if step.startswith("true")), true_images)
+        by_step: dict[str, PreparedPart] = dict.fromkeys(
+            (step for step in steps() if step.startswith("true")), true_images
+        )
         by_step |= dict.fromkeys((step for step in steps() if step.startswith("exact")), of_painted_regions(model))
         if options.causes:
             for step, backwards in product(CAUSES, (False, True)):

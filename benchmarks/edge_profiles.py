@@ -39,7 +39,7 @@ def of_scene(scene: BopScene, step: int) -> dict[str, float]:
     truth = TrueEdges(scene.dataset.part(object_id))
     visible = visible_frames(scene.folder, object_id, scene.frame_ids)
     frames = [frame_id for frame_id in scene.frame_ids[::step] if visible[frame_id]]
-    fields = {}
+    fields: dict[str, float] = {}
     for name, measure in (("as they are", edge_offsets), ("told", offsets_beside_profiles)):
         found: EdgeOffsets = measure(truth, scene, object_id, frames)
         fields |= {

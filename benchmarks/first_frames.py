@@ -24,14 +24,13 @@ from acp_lab.errors import TrackingError  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
-from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.learning.knowledge import Off  # noqa: E402
 from acp_lab.tracking.method import METHODS, Method, method_named  # noqa: E402
 from acp_lab.tracking.start import TrustedStart  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, readable_frames, visible_frames  # noqa: E402
 
 OFF = (0.5, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0)
 """Degrees and mm."""
@@ -101,7 +100,7 @@ def main() -> None:
 def _begun(scene: BopScene, parts: Path, method: Method) -> Iterator[Begun]:
     object_id, model = scene.object_ids[0], prepared_part_of(scene, parts)
     metric, tracker = PartMetric(model.part, 500), Tracker(model, method)
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)][::EVERY]
+    frames = readable_frames(scene)[::EVERY]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame in frames])
     for frame in frames:
         truth = scene.truth(frame.index, object_id)

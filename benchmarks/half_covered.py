@@ -42,7 +42,7 @@ from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import covered  # noqa: E402
 from benchmarks.recovery import LOST, RIGHT, STEADY, longest  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, readable_frames  # noqa: E402
 
 SHARES = (0.4, 0.5, 0.65)
 SEEN, COVERED, FREE, WAIT = 12, 30, 40, 10
@@ -103,7 +103,7 @@ def main() -> None:
 
 def _runs(scene: BopScene, parts: Path) -> Iterator[tuple[str, HalfCovered]]:
     object_id, model = scene.object_ids[0], prepared_part_of(scene, parts)
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    frames = readable_frames(scene)
     truths = [scene.truth(frame.index, object_id) for frame in frames]
     known = [(frame, truth) for frame, truth in zip(frames, truths, strict=True) if truth is not None]
     path = [*range(len(known)), *range(len(known) - 2, 0, -1)]

@@ -79,13 +79,13 @@ def track(root: Path, parts: Path) -> Iterator[Track]:
     from acp_lab.evaluation import add_mm
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
-    from acp_lab.sequences.frame import Frame
     from acp_lab.tracking.tracker import Tracker
+    from benchmarks.runs import readable_frames
 
     dataset = BopDataset(root)
     for scene_id in dataset.scenes():
         scene = dataset.open_scene(scene_id)
-        frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+        frames = readable_frames(scene)
         object_id = scene.object_ids[0]
         model = PreparedPart.load(parts / dataset.name / f"obj_{object_id:06d}", dataset.part_path(object_id))
         meta = root / "test" / f"{scene_id:06d}" / "scene_meta.json"

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 
 from acp_lab.commands.machine import limit_threads
@@ -21,13 +20,12 @@ limit_threads(1)  # before NumPy is imported
 
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
-from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import in_grey, in_light  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, readable_frames  # noqa: E402
 
 STEP, FIRST, LAST = 12, 8, 14
 RIGHT = 0.1
@@ -73,7 +71,7 @@ def _worst_after(scene: BopScene, parts: Path, method: Method) -> Iterator[tuple
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric = PartMetric(model.part, 500)
-    frames = list(islice((frame for frame in scene.frames() if isinstance(frame, Frame)), STEP + LAST + 1))
+    frames = readable_frames(scene, STEP + LAST + 1)
     truths = [scene.truth(frame.index, object_id) for frame in frames]
     if len(frames) <= STEP + LAST or any(truth is None for truth in truths):
         return

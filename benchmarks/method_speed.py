@@ -31,7 +31,9 @@ def frame_times(
     trackers: dict[str, Tracker], scene: BopScene, start: np.ndarray, repeats: int
 ) -> dict[str, np.ndarray]:
     """(frames * repeats,) ms of each tracker, from the decoded frame to the pose."""
-    frames = list(scene.frames())
+    from benchmarks.runs import readable_frames
+
+    frames = readable_frames(scene)
     times: dict[str, list[float]] = {name: [] for name in trackers}
     for _ in range(repeats):
         for tracker in trackers.values():

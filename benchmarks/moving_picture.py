@@ -11,15 +11,21 @@ from __future__ import annotations
 
 import argparse
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 import acp_lab as acp
 from acp_lab.display.plots.summary import draw_frame
-from acp_lab.evaluation import add_mm
+from acp_lab.evaluation.part_metric import PartMetric
+from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.sample import sample_dataset
+from acp_lab.sequences.bop import BopScene
+from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.session import TrackRun
+from benchmarks.runs import readable_frames
 
 OUT = Path(__file__).resolve().parents[1] / "docs" / "images" / "tracking.webp"
 SIZE_IN, DPI = (8.8, 4.0), 90
@@ -36,35 +42,36 @@ def main() -> None:
     scene = acp.open_sequence(sample_dataset())
     model = acp.prepare(scene.dataset.part(1), out=given.parts)
     run = acp.Tracker(model).run(scene, start=scene.first_pose)
-    pictures = draw_run(run)
+    pictures = draw_run(run, scene)
     times = [FRAME_MS] * (len(pictures) - 1) + [LAST_MS]
     pictures[0].save(given.out, save_all=True, append_images=pictures[1:], duration=times, loop=0, quality=70, method=6)
     print(f"{given.out}: {len(pictures)} frames, {given.out.stat().st_size / 1e6:.2f} MB")
 
 
-def draw_run(run: TrackRun) -> list:
-    """One PIL image per frame of the run's first object."""
+def draw_run(run: TrackRun, scene: BopScene) -> list[Image.Image]:
+    """One picture per frame of the run's first object."""
     (object_id, results), *_ = run.results.items()
-    part, truth = run.parts[object_id], run.session.truth
-    percent = [
-        100.0 * add_mm(part.vertices, r.cam_T_obj, truth(r.frame_id, object_id)) / part.diameter for r in results
-    ]
-    seen = np.vstack([result.edges.points for result in results])
-    low, high = seen.min(0) - MARGIN_PX, seen.max(0) + MARGIN_PX
+    metric = PartMetric(run.parts[object_id])
+    percent = [metric.percent(result.cam_T_obj, scene.truth(result.frame_id, object_id)) for result in results]
+    seen = np.vstack([result.edges.points for result in results if result.edges is not None])
+    limits = seen.min(0) - MARGIN_PX, seen.max(0) + MARGIN_PX
     return [
-        _picture(frame.image, results[: number + 1], percent[: number + 1], len(results), (low, high))
-        for number, frame in enumerate(run.sequence.frames())
+        _picture(frame.image, results[: number + 1], percent[: number + 1], len(results), limits)
+        for number, frame in enumerate(readable_frames(scene))
     ]
 
 
-def _picture(image, results, percent, count, limits):
+def _picture(
+    image: ByteImage, results: Sequence[TrackResult], percent: Sequence[float], count: int,
+    limits: tuple[FloatArray, FloatArray],
+) -> Image.Image:  # fmt: skip
+    """Of the last result, with curves that lead to it; count: of all frames; limits: what is shown, px (x, y)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from PIL import Image
 
     figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
-    left, right = figure.subfigures(1, 2, width_ratios=[1.5, 1.0])
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[1.5, 1.0])[0]
     axes = left.subplots()
     draw_frame(axes, image, results[-1:], f"frame {len(results) - 1}: {results[-1].state}")
     (x0, y0), (x1, y1) = limits

@@ -35,7 +35,7 @@ from acp_lab.tracking.method_file import read_method  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import LOST, STARTS, part_name, prepared_part_of, visible_frames  # noqa: E402
+from benchmarks.runs import LOST, STARTS, part_name, prepared_part_of, readable_frames, visible_frames  # noqa: E402
 
 SIZES_PX = (120, 90, 70, 50, 35)
 UNIT = {
@@ -96,7 +96,7 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[SizedRun]:
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric = PartMetric(model.part)
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    frames = readable_frames(scene)
     truths = {f.index: truth for f in frames if (truth := scene.truth(f.index, object_id)) is not None}
     counts = visible_frames(scene.folder, object_id, truths)
     frames = [frame for frame in frames if frame.index in truths]

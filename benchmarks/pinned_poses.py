@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,6 +84,7 @@ def poses(datasets: dict[str, Path], parts: Path) -> dict[str, np.ndarray]:
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset
     from acp_lab.tracking.tracker import Tracker
+    from benchmarks.runs import readable_frames
 
     found = {}
     for name, root in datasets.items():
@@ -94,7 +94,7 @@ def poses(datasets: dict[str, Path], parts: Path) -> dict[str, np.ndarray]:
             object_id, start = next(iter(scene.first_poses.items()))
             mesh = dataset.part_path(object_id)
             model = PreparedPart.load(parts / name / mesh.stem, mesh)
-            first, *others = islice(scene.frames(), FRAMES)
+            first, *others = readable_frames(scene, FRAMES)
             for method in methods().values():
                 try:
                     tracker = Tracker(model, method)

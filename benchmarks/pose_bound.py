@@ -51,7 +51,7 @@ from acp_lab.tracking.frame_solver import FrameSolver  # noqa: E402
 from acp_lab.tracking.method import ACP  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
-from benchmarks.runs import prepared_part_of, visible_frames  # noqa: E402
+from benchmarks.runs import prepared_part_of, readable_frames, visible_frames  # noqa: E402
 
 LIMIT = 0.02
 OFF, SEEDS = 5.0, 3
@@ -90,7 +90,7 @@ def looked_at(scene: BopScene, parts: Path) -> Sequence | None:
     if model.part.symmetries:
         return None
     solver = FrameSolver(model, WITHOUT_PROFILES)
-    found = [(frame, scene.truth(frame.index, object_id)) for frame in scene.frames() if isinstance(frame, Frame)]
+    found = [(frame, scene.truth(frame.index, object_id)) for frame in readable_frames(scene)]
     known = [(frame, truth) for frame, truth in found if truth is not None]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame, _ in known])
     seen = [edge_evidence(solver, frame, truth) for frame, truth in known]

@@ -50,7 +50,7 @@ from benchmarks import measured  # noqa: E402
 from benchmarks.faulty_frames import covered  # noqa: E402
 from benchmarks.part_sizes import scaled  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, readable_frames  # noqa: E402
 
 RIGHT, LOST = 0.1, 0.3
 STEADY = 5
@@ -146,7 +146,7 @@ def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str], siz
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric = PartMetric(model.part, 500)
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    frames = readable_frames(scene)
     truths = [scene.truth(frame.index, object_id) for frame in frames]
     known = [(f, t) for f, t in zip(frames, truths, strict=True) if t is not None]
     scale = 1.0

@@ -30,6 +30,8 @@ from acp_lab.errors import InputFileError  # noqa: E402
 if TYPE_CHECKING:
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopScene
+    from acp_lab.sequences.frame import Frame
+    from acp_lab.sequences.protocol import Sequence
     from acp_lab.tracking.method import Method
 
 ORDERS = {"forwards": slice(None), "backwards": slice(None, None, -1), "second": slice(None, None, 2),
@@ -175,6 +177,7 @@ def track(job: Job) -> Run:
     start = disturb_pose(scene.truth(first.index, job.object_id), model.part.box_centre, degrees, mm, rng)
     errors: list[float | None] = [None] * len(others)
     ms: list[float | None] = [None] * len(others)
+
     def truth(frame_id: int) -> Any:
         return scene.truth(frame_id, job.object_id)
 
@@ -224,6 +227,13 @@ def prepared_part_of(scene: BopScene, parts: Path) -> PreparedPart:
     mesh = scene.dataset.part_path(scene.object_ids[0])
     folder = parts / scene.dataset.name
     return PreparedPart.load((folder if folder.is_dir() else parts) / mesh.stem, mesh)
+
+
+def readable_frames(sequence: Sequence, most: int | None = None) -> list[Frame]:
+    """Those of a sequence's frames, or of its first `most`, whose images can be read."""
+    from acp_lab.sequences.frame import Frame
+
+    return [frame for frame in sequence.frames(most) if isinstance(frame, Frame)]
 
 
 def visible_frames(folder: Path, object_id: int, frame_ids: Iterable[int]) -> dict[int, bool]:

@@ -146,7 +146,7 @@ def main() -> None:
         parser.error("--record replaces all rows of an entry: leave out --methods")
 
     methods = {name: METHODS[name] for name in options.methods or METHODS}
-    runs, painted = list[SlowRun](), {}
+    runs, painted = list[SlowRun](), dict[str, dict[str, float]]()
     for folder in options.scenes:
         if options.true_images:
             found = tracked_on_true_images(folder, options.parts, methods, options.painting_px)

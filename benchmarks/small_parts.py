@@ -28,14 +28,13 @@ from acp_lab.errors import TrackingError  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
-from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.find import ACCEPTED, Finder  # noqa: E402
 from acp_lab.tracking.magnification import appears_px  # noqa: E402
 from acp_lab.tracking.snap import SnapConfig, snap  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.part_sizes import scaled  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, readable_frames  # noqa: E402
 
 SIZES_PX = (None, 120, 80, 50, 35)
 HOW = "find", "snap"
@@ -95,7 +94,7 @@ def _in_scene(scene: BopScene, parts: Path) -> Iterator[Found]:
     object_id, model = scene.object_ids[0], prepared_part_of(scene, parts)
     finder, metric = Finder(model), PartMetric(model.part, 500)
     finder.prepare()
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    frames = readable_frames(scene)
     for number in (2, len(frames) // 2, len(frames) - 3):
         truth = scene.truth(frames[number].index, object_id)
         if truth is None:

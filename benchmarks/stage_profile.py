@@ -120,8 +120,9 @@ def profile(stages: Stages, model: PreparedPart, scene: BopScene, start: np.ndar
     """(frames,) ms by stage of the frames that are not lost, and of all stages under "frame"."""
     from acp_lab.tracking.result import TrackState
     from acp_lab.tracking.tracker import Tracker
+    from benchmarks.runs import readable_frames
 
-    frames, tracker = list(scene.frames()), Tracker(model)
+    frames, tracker = readable_frames(scene), Tracker(model)
     rounds = []
     for _ in range(repeats):
         tracker.start(frames[0], start)  # type: ignore[arg-type]
@@ -134,9 +135,7 @@ def profile(stages: Stages, model: PreparedPart, scene: BopScene, start: np.ndar
                 spent.append(found | {"frame": sum(found.values())})
         rounds.append(spent)
     names = sorted({name for spent in rounds for one in spent for name in one})
-    return {
-        name: 1e3 * np.min([[one.get(name, 0.0) for one in spent] for spent in rounds], axis=0) for name in names
-    }
+    return {name: 1e3 * np.min([[one.get(name, 0.0) for one in spent] for spent in rounds], axis=0) for name in names}
 
 
 def main() -> None:

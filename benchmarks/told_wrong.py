@@ -21,7 +21,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.tracker import Tracker
 from benchmarks import measured
 from benchmarks.robustness import SPLITS, is_in_split
-from benchmarks.runs import LOST, STARTS, part_name, visible_frames
+from benchmarks.runs import LOST, STARTS, part_name, readable_frames, visible_frames
 
 STARTS_TOLD = ("truth", "5")
 UNIT = {
@@ -115,7 +115,7 @@ def row_of(runs: Sequence[ToldRun]) -> dict[str, float]:
 def true_frames(scene: BopScene) -> list[TrueFrame]:
     """Of a scene's first object, from the first frame that counts onwards."""
     object_id = scene.object_ids[0]
-    frames = [frame for frame in scene.frames() if isinstance(frame, Frame)]
+    frames = readable_frames(scene)
     truths = {f.index: truth for f in frames if (truth := scene.truth(f.index, object_id)) is not None}
     counts = visible_frames(scene.folder, object_id, truths)
     true = [TrueFrame(f, truths[f.index], counts[f.index]) for f in frames if f.index in truths]

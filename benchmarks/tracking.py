@@ -111,9 +111,7 @@ def keep(
 
 
 def _recalls(rows: list[Row], separator: str) -> str:
-    return separator.join(
-        f"{mean(getattr(row, key) for row in rows):.2f}" for key in RECALLS
-    )
+    return separator.join(f"{mean(getattr(row, key) for row in rows):.2f}" for key in RECALLS)
 
 
 def _noise(text: str) -> tuple[float, float]:
@@ -160,7 +158,7 @@ def main() -> None:
                     rows = runs.setdefault(noise, {}).setdefault(name, [])
                     for seed in range(options.seeds):
                         rng = np.random.default_rng([seed, scene_id, object_id])
-                        start = disturb_pose(pose, part.box_centre, *noise, rng)
+                        start = disturb_pose(pose, part.box_centre, noise[0], noise[1], rng)
                         rows.append(track_scene(dataset, scene, model, object_id, start))
         for noise, by_scene in runs.items():
             title = f"starts {noise[0]:g} degrees and {noise[1]:g} mm off" if noise else "started from truth"

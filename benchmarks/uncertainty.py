@@ -31,7 +31,6 @@ from acp_lab.geometry.pose import disturb_pose, transform  # noqa: E402
 from acp_lab.geometry.pose_step import pose_step_between  # noqa: E402
 from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
-from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.assessment import Assessment  # noqa: E402
 from acp_lab.tracking.method import ACP, Method  # noqa: E402
 from acp_lab.tracking.solution import Solution  # noqa: E402
@@ -39,7 +38,7 @@ from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from acp_lab.tracking.uncertainty import PoseUncertainty  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
-from benchmarks.runs import part_name, prepared_part_of, visible_frames  # noqa: E402
+from benchmarks.runs import part_name, prepared_part_of, readable_frames, visible_frames  # noqa: E402
 
 RUNS = ((0.0, 1), (5.0, 1), (0.0, -1), (5.0, -1), (0.0, 2), (5.0, 2))
 """Degrees and mm that the start is off, and the step from frame to frame; below 0 from the last to the first."""
@@ -93,12 +92,12 @@ class Watched(Tracker):
 
     @property
     def solution(self) -> Solution | None:
-        """None before there is one, or where it was set to None since."""
+        """None where none was reported since the beginning, or since `forget`."""
         return self._keeping.solution
 
-    @solution.setter
-    def solution(self, solution: Solution | None) -> None:
-        self._keeping.solution = solution
+    def forget(self) -> None:
+        """From here on there is no solution until the next one."""
+        self._keeping.solution = None
 
 
 def main() -> None:
@@ -136,7 +135,7 @@ def _tracked(scene: BopScene, parts: Path, name: str) -> Iterator[Pose]:
     part, metric, rng = model.part, PartMetric(model.part, 500), np.random.default_rng(scene.scene_id)
     if len(part.symmetries.discrete) or len(part.symmetries.continuous):
         return
-    found = [(frame, scene.truth(frame.index, object_id)) for frame in scene.frames() if isinstance(frame, Frame)]
+    found = [(frame, scene.truth(frame.index, object_id)) for frame in readable_frames(scene)]
     known = [(frame, truth) for frame, truth in found if truth is not None]
     visible = visible_frames(scene.folder, object_id, [frame.index for frame, _ in known])
     for off, step in RUNS:
@@ -146,7 +145,7 @@ def _tracked(scene: BopScene, parts: Path, name: str) -> Iterator[Pose]:
         except TrackingError:
             continue
         for frame, truth in rest:
-            tracker.solution = None
+            tracker.forget()
             result = tracker.track(frame)
             solution = tracker.solution
             if solution is None or solution.information is None or not visible[frame.index]:

@@ -19,7 +19,7 @@ def test_the_solution_that_is_kept_is_the_one_that_is_reported() -> None:
         assert tracker.solution is None
         tracker.start(Frame(0, draw([(part, truths[0])], 0, CAMERA), CAMERA), truths[0])
         for number, truth in enumerate(truths[1:], 1):
-            tracker.solution = None
+            tracker.forget()
             result = tracker.track(Frame(number, draw([(part, truth)], number, CAMERA), CAMERA))
             assert tracker.solution is not None
             np.testing.assert_array_equal(tracker.solution.cam_T_obj, result.cam_T_obj)
