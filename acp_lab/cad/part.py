@@ -39,9 +39,9 @@ DIAMETER_TOLERANCE = 0.02
 """Between models_info.json and the mesh: more than any re-meshing, less than any other part."""
 COARSEST = 1e-4
 """Of the part's size: what its numbers tell apart. Beyond it, fillets lose their shape to rounding."""
-STITCHES = 10.0
-"""Times the distance at which vertices are one: that of a vertex to a side on which it lies. A row of faces without
-height, each of which went, may be as wide as several."""
+STITCH = 1e-5
+"""Of the part's size: a vertex that is nearer to the side of a face lies on it. More than the height for whose lack
+faces are dropped, as several of those may lie in a row."""
 _UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
 
 
@@ -174,15 +174,16 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
     tolerance = max(1e-6 * size, resolution)
     points, corners = _merged(points, corners, tolerance)
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    corners = _without_copies(corners)
+    corners = turned_out(points, _without_copies(corners))
+    # A face without height has no normal. It goes only now because dropping it can open a closed mesh.
     a, b, c = points[corners].transpose(1, 0, 2)
     longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
-    # A face without height has no normal.
     corners = corners[np.linalg.norm(np.cross(b - a, c - a), axis=1) > tolerance * longest]
     if len(corners) == 0:
         raise PartError(f"{where}: every face has zero area: export the part as a triangle mesh")
-    # Its neighbours share no edge now. What was closed with it is closed again before its bodies are turned.
-    corners = turned_out(points, stitched(points, corners, STITCHES * tolerance))
+    whole = stitched(points, corners, tolerance, max(tolerance, STITCH * size))
+    if whole is not corners:  # bodies that are closed now may be inside out
+        corners = turned_out(points, _without_copies(whole))
     points, corners = _without_unused(points, np.ascontiguousarray(corners))
     points.flags.writeable = corners.flags.writeable = False
     return points, corners

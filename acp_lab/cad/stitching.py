@@ -13,38 +13,41 @@ import numpy as np
 from acp_lab.geometry.arrays import FloatArray, IntArray
 
 MOST_PAIRS = 100_000_000
-"""Of open sides and vertices that may lie on them. A heap of many loose triangles has more, and nothing that could be
-put together; it is left as it is, for the time that it would take."""
-_CHUNK = 1_000_000
-"""Pairs that are looked at at a time, for the memory that they take."""
+"""Of open sides and vertices that may lie on them."""
+MOST_ON_SIDES = 3
+"""Vertices on open sides, in open sides. Heaps of loose triangles have more of both, and nothing to be put together;
+they are left as they are, for the time that it would take."""
+_SIDES, _CHUNK = 1_000, 1_000_000
+"""Sides whose pairs are counted, and pairs that are looked at, at a time."""
 
 
-def stitched(points: FloatArray, faces: IntArray, tolerance: float) -> IntArray:
+def stitched(points: FloatArray, faces: IntArray, tolerance: float, reach: float) -> IntArray:
     """Faces (m, 3) over points (n, 3), cut where a vertex of an open side lies on another open side.
 
-    A side is open when no other face has it. A vertex lies on it when it is nearer to it than `tolerance`, mm, and
-    farther from its ends. Faces that need no cut keep their order and stand first. A mesh without such places comes
-    back as it is, and so does one with more than MOST_PAIRS to compare.
+    A side is open when no other face has it. A vertex lies on it when it is nearer to it than `reach`, mm, and more
+    than `tolerance`, mm, from its ends. A face stays whole where a piece of it would be turned over, or no higher than
+    `tolerance`. Faces that are not cut keep their order and stand first; without any cut the same array comes back.
     """
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
     _, side, count = np.unique(key, return_inverse=True, return_counts=True)
     is_open = np.flatnonzero(count[side] == 1)
     opposite = np.roll(faces, -2, axis=1).reshape(-1)
-    found = _on_sides(points, start[is_open], end[is_open], opposite[is_open], tolerance)
-    if not found:
-        return faces
+    found = _on_sides(points, start[is_open], end[is_open], opposite[is_open], tolerance, reach)
     cuts = {int(is_open[row]): vertices for row, vertices in found.items()}
-    touched = np.unique(np.array(list(cuts)) // 3)
-    pieces: list[list[int]] = []
-    for face in touched.tolist():
-        pieces += _cut(faces[face].tolist(), [cuts.get(3 * face + corner, []) for corner in range(3)])
-    kept = np.delete(faces, touched, axis=0)
-    return np.concatenate([kept, np.array(pieces, dtype=faces.dtype)])
+    cut_faces, pieces = list[int](), list[list[int]]()
+    for face in sorted({side // 3 for side in cuts}):
+        parts = _cut(faces[face].tolist(), [cuts.get(3 * face + corner, []) for corner in range(3)])
+        if _fit(points[parts], points[faces[face]], tolerance):
+            cut_faces.append(face)
+            pieces += parts
+    if not pieces:
+        return faces
+    return np.concatenate([np.delete(faces, cut_faces, axis=0), np.array(pieces, dtype=faces.dtype)])
 
 
 def _on_sides(
-    points: FloatArray, start: IntArray, end: IntArray, opposite: IntArray, tolerance: float
+    points: FloatArray, start: IntArray, end: IntArray, opposite: IntArray, tolerance: float, reach: float
 ) -> dict[int, list[int]]:
     """Which vertices at the ends of sides, from `start` to `end` (k,), lie on which side, in their order along it.
 
@@ -52,14 +55,22 @@ def _on_sides(
     """
     from scipy.spatial import cKDTree
 
+    found: dict[int, list[int]] = {}
+    if len(start) == 0:
+        return found
     vertices = np.unique(np.concatenate([start, end]))
-    tree = cKDTree(points[vertices].reshape(-1, 3))
+    tree = cKDTree(points[vertices])
     middle, along = 0.5 * (points[start] + points[end]), points[end] - points[start]
     length = np.linalg.norm(along, axis=1)
-    pairs = np.cumsum(tree.query_ball_point(middle, 0.5 * length, return_length=True))
-    found: dict[int, list[int]] = {}
-    if len(start) == 0 or pairs[-1] > MOST_PAIRS:
-        return found
+    pairs = np.zeros(len(start), np.int64)
+    so_far = 0
+    for first in range(0, len(start), _SIDES):
+        some = slice(first, first + _SIDES)
+        pairs[some] = so_far + np.cumsum(tree.query_ball_point(middle[some], 0.5 * length[some], return_length=True))
+        so_far = int(pairs[some][-1])
+        if so_far > MOST_PAIRS:
+            return found
+    hits = 0
     for rows in np.split(np.arange(len(start)), np.flatnonzero(np.diff(pairs // _CHUNK)) + 1):
         near = tree.query_ball_point(middle[rows], 0.5 * length[rows])
         row = np.repeat(rows, [len(one) for one in near])
@@ -68,8 +79,11 @@ def _on_sides(
         offset = points[vertex] - points[start[row]]
         place = np.einsum("ij,ij->i", offset, side)
         aside = np.linalg.norm(offset - place[:, None] * side, axis=1)
-        lies = (aside < tolerance) & (place > tolerance) & (place < length[row] - tolerance) & (vertex != opposite[row])
+        lies = (aside < reach) & (place > tolerance) & (place < length[row] - tolerance) & (vertex != opposite[row])
         row, vertex, place = row[lies], vertex[lies], place[lies]
+        hits += len(row)
+        if hits > MOST_ON_SIDES * len(start):
+            return {}
         for k in np.lexsort((place, row)).tolist():
             found.setdefault(int(row[k]), []).append(int(vertex[k]))
     return found
@@ -78,7 +92,7 @@ def _on_sides(
 def _cut(corners: list[int], on_sides: list[list[int]]) -> list[list[int]]:
     """A face of three corners, in triangles that share all vertices on its sides: those from each corner to the next.
 
-    Each cut goes from a corner to the middle one of the vertices opposite it, so no piece is flat.
+    Each cut goes from a corner to the middle one of the vertices opposite it.
     """
     busiest = max(range(3), key=lambda side: len(on_sides[side]))
     before, opposite, after = (on_sides[(busiest + k) % 3] for k in range(3))
@@ -88,3 +102,11 @@ def _cut(corners: list[int], on_sides: list[list[int]]) -> list[list[int]]:
     half = len(before) // 2
     middle = before[half]
     return _cut([a, middle, c], [before[:half], [], after]) + _cut([middle, b, c], [before[half + 1 :], opposite, []])
+
+
+def _fit(pieces: FloatArray, face: FloatArray, tolerance: float) -> bool:
+    """Whether pieces (k, 3, 3) lie as their face (3, 3) does, each higher than `tolerance`."""
+    doubled = np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0])
+    longest = np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2).max(axis=1)
+    turned = doubled @ np.cross(face[1] - face[0], face[2] - face[0]) <= 0.0
+    return not (turned | (np.linalg.norm(doubled, axis=1) <= tolerance * longest)).any()
