@@ -39,9 +39,6 @@ DIAMETER_TOLERANCE = 0.02
 """Between models_info.json and the mesh: more than any re-meshing, less than any other part."""
 COARSEST = 1e-4
 """Of the part's size: what its numbers tell apart. Beyond it, fillets lose their shape to rounding."""
-STITCH = 1e-5
-"""Of the part's size: a vertex that is nearer to the side of a face lies on it. More than the height for whose lack
-faces are dropped, as several of those may lie in a row."""
 _UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
 
 
@@ -181,7 +178,7 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
     corners = corners[np.linalg.norm(np.cross(b - a, c - a), axis=1) > tolerance * longest]
     if len(corners) == 0:
         raise PartError(f"{where}: every face has zero area: export the part as a triangle mesh")
-    whole = stitched(points, corners, tolerance, max(tolerance, STITCH * size))
+    whole = stitched(points, corners, tolerance)
     if whole is not corners:  # bodies that are closed now may be inside out
         corners = turned_out(points, _without_copies(whole))
     points, corners = _without_unused(points, np.ascontiguousarray(corners))

@@ -21,19 +21,19 @@ _SIDES, _CHUNK = 1_000, 1_000_000
 """Sides whose pairs are counted, and pairs that are looked at, at a time."""
 
 
-def stitched(points: FloatArray, faces: IntArray, tolerance: float, reach: float) -> IntArray:
+def stitched(points: FloatArray, faces: IntArray, tolerance: float) -> IntArray:
     """Faces (m, 3) over points (n, 3), cut where a vertex of an open side lies on another open side.
 
-    A side is open when no other face has it. A vertex lies on it when it is nearer to it than `reach`, mm, and more
-    than `tolerance`, mm, from its ends. A face stays whole where a piece of it would be turned over, or no higher than
-    `tolerance`. Faces that are not cut keep their order and stand first; without any cut the same array comes back.
+    A side is open when no other face has it. A vertex lies on it when it is nearer to it than `tolerance`, mm, and
+    farther from its ends. A face stays whole where a piece of it would be turned over, or no higher than `tolerance`.
+    Faces that are not cut keep their order and stand first; without any cut the same array comes back.
     """
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
     _, side, count = np.unique(key, return_inverse=True, return_counts=True)
     is_open = np.flatnonzero(count[side] == 1)
     opposite = np.roll(faces, -2, axis=1).reshape(-1)
-    found = _on_sides(points, start[is_open], end[is_open], opposite[is_open], tolerance, reach)
+    found = _on_sides(points, start[is_open], end[is_open], opposite[is_open], tolerance)
     cuts = {int(is_open[row]): vertices for row, vertices in found.items()}
     cut_faces, pieces = list[int](), list[list[int]]()
     for face in sorted({side // 3 for side in cuts}):
@@ -47,7 +47,7 @@ def stitched(points: FloatArray, faces: IntArray, tolerance: float, reach: float
 
 
 def _on_sides(
-    points: FloatArray, start: IntArray, end: IntArray, opposite: IntArray, tolerance: float, reach: float
+    points: FloatArray, start: IntArray, end: IntArray, opposite: IntArray, tolerance: float
 ) -> dict[int, list[int]]:
     """Which vertices at the ends of sides, from `start` to `end` (k,), lie on which side, in their order along it.
 
@@ -79,7 +79,7 @@ def _on_sides(
         offset = points[vertex] - points[start[row]]
         place = np.einsum("ij,ij->i", offset, side)
         aside = np.linalg.norm(offset - place[:, None] * side, axis=1)
-        lies = (aside < reach) & (place > tolerance) & (place < length[row] - tolerance) & (vertex != opposite[row])
+        lies = (aside < tolerance) & (place > tolerance) & (place < length[row] - tolerance) & (vertex != opposite[row])
         row, vertex, place = row[lies], vertex[lies], place[lies]
         hits += len(row)
         if hits > MOST_ON_SIDES * len(start):

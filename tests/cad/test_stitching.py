@@ -82,20 +82,20 @@ def test_a_torn_part_that_is_inside_out_is_turned() -> None:
 def test_a_gap_that_is_wider_than_the_tolerance_stays() -> None:
     vertices = np.array([[0.0, 0, 0], [10, 0, 0], [5, 8, 0], [5, 0.02, 0], [5, -8, 0]])
     faces = np.array([[0, 1, 2], [0, 4, 3], [3, 4, 1]])
-    np.testing.assert_array_equal(stitched(vertices, faces, 1e-4, 0.01), faces)
-    assert len(stitched(vertices, faces, 1e-4, 0.03)) == 4
+    np.testing.assert_array_equal(stitched(vertices, faces, 0.01), faces)
+    assert len(stitched(vertices, faces, 0.03)) == 4
 
 
 def test_a_thin_face_is_not_cut_at_its_own_corner() -> None:
     faces = np.array([[0, 1, 2]])
-    assert stitched(np.array([[0.0, 0, 0], [10, 0, 0], [5, 0.005, 0]]), faces, 1e-4, 0.01) is faces
+    assert stitched(np.array([[0.0, 0, 0], [10, 0, 0], [5, 0.005, 0]]), faces, 0.01) is faces
 
 
 def test_vertices_on_all_three_sides_of_a_face() -> None:
     vertices = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [3, 0, 0], [6, 0, 0], [5, 5, 0], [0, 4, 0]])
     outside = np.array([[11.0, -9, 0], [9, 9, 0], [-9, 1, 0]])
     around = [[3, 0, 7], [4, 3, 7], [1, 4, 7], [5, 1, 8], [2, 5, 8], [6, 2, 9], [0, 6, 9]]
-    faces = stitched(np.vstack([vertices, outside]), np.array([[0, 1, 2], *around]), 1e-4, 1e-3)
+    faces = stitched(np.vstack([vertices, outside]), np.array([[0, 1, 2], *around]), 1e-3)
     np.testing.assert_array_equal(faces[: len(around)], around)
     pieces = vertices[faces[len(around) :]]
     assert len(pieces) == 5
@@ -155,20 +155,20 @@ def test_a_slot_far_from_the_origin_stays_open() -> None:
 
 @pytest.mark.parametrize("faces", [box().faces, box().faces[2:]], ids=["closed", "open"])
 def test_a_mesh_with_nothing_to_put_together_comes_back_as_it_is(faces: IntArray) -> None:
-    assert stitched(np.array(box().vertices), faces, 1e-4, 1e-3) is faces
+    assert stitched(np.array(box().vertices), faces, 1e-3) is faces
 
 
 @pytest.mark.parametrize("limit", ["MOST_PAIRS", "MOST_ON_SIDES"])
 def test_a_heap_of_loose_triangles_is_left_as_it_is(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
     vertices, faces = _torn(bushing(), 3, needles=False)
-    assert len(stitched(vertices, faces, 1e-4, 1e-3)) > len(faces)
+    assert len(stitched(vertices, faces, 1e-3)) > len(faces)
     monkeypatch.setattr(stitching, limit, 0)
-    assert stitched(vertices, faces, 1e-4, 1e-3) is faces
+    assert stitched(vertices, faces, 1e-3) is faces
 
 
 def test_memory_chunks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     vertices, faces = _torn(bushing(), 4, needles=False)
-    at_once = stitched(vertices, faces, 1e-4, 1e-3)
+    at_once = stitched(vertices, faces, 1e-3)
     monkeypatch.setattr(stitching, "_CHUNK", 50)
-    np.testing.assert_array_equal(stitched(vertices, faces, 1e-4, 1e-3), at_once)
+    np.testing.assert_array_equal(stitched(vertices, faces, 1e-3), at_once)
     assert len(at_once) > len(faces)
