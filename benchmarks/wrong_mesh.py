@@ -98,7 +98,10 @@ def longer(times: float) -> Callable[[Part], Part]:
 
 
 def torn(share: float) -> Callable[[Part], Part]:
-    """With so many of its edges, as a share, torn: the side of one of the two faces has a vertex more in its middle."""
+    """With nearly that share of its edges torn: one of the two faces has a vertex more in the middle of its side.
+
+    Each face is cut once at most.
+    """
 
     def with_gaps(part: Part) -> Part:
         mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from acp_lab.cad.bodies import is_closed, turned_out
 from acp_lab.cad.mesh_file import read_mesh_file
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
-from acp_lab.cad.stitching import stitched
+from acp_lab.cad.stitching import is_flat, stitched
 from acp_lab.errors import PartError
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 from acp_lab.input_file import LARGEST_NUMBER
@@ -173,9 +173,7 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
     corners = turned_out(points, _without_copies(corners))
     # A face without height has no normal. It goes only now because dropping it can open a closed mesh.
-    a, b, c = points[corners].transpose(1, 0, 2)
-    longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
-    corners = corners[np.linalg.norm(np.cross(b - a, c - a), axis=1) > tolerance * longest]
+    corners = corners[~is_flat(points[corners], tolerance)]
     if len(corners) == 0:
         raise PartError(f"{where}: every face has zero area: export the part as a triangle mesh")
     whole = stitched(points, corners, tolerance)

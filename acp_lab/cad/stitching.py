@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 
 MOST_PAIRS = 100_000_000
 """Of open sides and vertices that may lie on them."""
@@ -38,12 +38,20 @@ def stitched(points: FloatArray, faces: IntArray, tolerance: float) -> IntArray:
     cut_faces, pieces = list[int](), list[list[int]]()
     for face in sorted({side // 3 for side in cuts}):
         parts = _cut(faces[face].tolist(), [cuts.get(3 * face + corner, []) for corner in range(3)])
-        if _fit(points[parts], points[faces[face]], tolerance):
+        if not is_flat(points[parts], tolerance).any() and not _is_turned(points[parts], points[faces[face]]).any():
             cut_faces.append(face)
             pieces += parts
     if not pieces:
         return faces
     return np.concatenate([np.delete(faces, cut_faces, axis=0), np.array(pieces, dtype=faces.dtype)])
+
+
+def is_flat(triangles: FloatArray, tolerance: float) -> BoolArray:
+    """Which triangles (k, 3, 3) are no higher above their longest side than `tolerance`, (k,): they have no normal."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    longest = np.linalg.norm([b - a, c - b, a - c], axis=2).max(axis=0)
+    flat: BoolArray = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= tolerance * longest
+    return flat
 
 
 def _on_sides(
@@ -104,9 +112,8 @@ def _cut(corners: list[int], on_sides: list[list[int]]) -> list[list[int]]:
     return _cut([a, middle, c], [before[:half], [], after]) + _cut([middle, b, c], [before[half + 1 :], opposite, []])
 
 
-def _fit(pieces: FloatArray, face: FloatArray, tolerance: float) -> bool:
-    """Whether pieces (k, 3, 3) lie as their face (3, 3) does, each higher than `tolerance`."""
-    doubled = np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0])
-    longest = np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2).max(axis=1)
-    turned = doubled @ np.cross(face[1] - face[0], face[2] - face[0]) <= 0.0
-    return not (turned | (np.linalg.norm(doubled, axis=1) <= tolerance * longest)).any()
+def _is_turned(pieces: FloatArray, face: FloatArray) -> BoolArray:
+    """Which pieces (k, 3, 3) face another way than the face (3, 3) that they were cut from, (k,)."""
+    a, b, c = pieces.transpose(1, 0, 2)
+    turned: BoolArray = np.cross(b - a, c - a) @ np.cross(face[1] - face[0], face[2] - face[0]) <= 0.0
+    return turned
