@@ -78,7 +78,7 @@ def search_choices() -> Iterator[tuple[str, Method]]:
     )
     normals = replace(pose, targets=(NormalSearch(replace(AS_THEY_ARE, blur_px=0.7), bind="step", min_score=0.0),))
     # Of every frame, and for all levels.
-    memory = SampleLearning(offsets=Off(), learn_above=-1.0, trust_from_sigma_px=float("inf"))
+    memory = SampleLearning(offsets=Off(), learn_above=-1.0, learn_from_px=0.0, trust_from_sigma_px=float("inf"))
     prediction = ConstantVelocityPrediction(rest_below=-1.0)
     yield "normals", normals
     yield "normals, memory", replace(normals, learning=memory)

@@ -64,7 +64,7 @@ def methods() -> Iterator[Method]:
         targets=(NormalSearch(replace(AS_THEY_ARE, blur_px=0.7), bind="step", min_score=0.0),),
         prediction=ConstantVelocityPrediction(rest_below=-1.0),
         # Of every frame, and for all levels.
-        learning=SampleLearning(offsets=Off(), learn_above=-1.0, trust_from_sigma_px=float("inf")),
+        learning=SampleLearning(offsets=Off(), learn_above=-1.0, learn_from_px=0.0, trust_from_sigma_px=float("inf")),
     )
     yield pose
     exact, homography = ControlPointVariables(direction="autograd"), ControlPointVariables(direction="homography")

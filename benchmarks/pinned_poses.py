@@ -65,7 +65,7 @@ def methods() -> dict[str, Method]:
             targets=(NormalSearch(bind="step"),),
             priors=(RigidityPrior(),),
             prediction=ConstantVelocityPrediction(),
-            learning=SampleLearning(offsets=Off()),
+            learning=SampleLearning(offsets=Off(), learn_from_px=0.0),
         ),
         replace(
             base,

@@ -268,6 +268,7 @@ ACP_EDGES = replace(
         blur=Off(),
         lens=Off(),
         learn_above=0.7,
+        learn_from_px=0.0,
     ),
     confidence=EDGES_ALONE,
     uncertainty=Off(),

@@ -355,9 +355,11 @@ class Tracker:
 
     def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()
-        if self.solver.knowledge.learns_from(solution.judgement.quality, self._pursuit.usual.mean_quality):
-            for judgement in solution.judgements:
-                judgement.learn(trusted)
+        knowledge, quality = self.solver.knowledge, solution.judgement.quality
+        if knowledge.learns_from(quality, self._pursuit.usual.mean_quality):
+            if knowledge.is_new(frame.camera, solution.cam_T_obj, quality):
+                for judgement in solution.judgements:
+                    judgement.learn(trusted)
             self._pursuit.remember(frame, solution.cam_T_obj)
         clock.learn_s += clock.lap()
 

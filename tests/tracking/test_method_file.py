@@ -76,6 +76,7 @@ NORMALS = Method(
         reliability=ReliabilityConfig(scatter_px=0.6),
         polarity=PolarityConfig(0.2, 0.4, 5.0, 0.1, 2.0),
         learn_above=0.5,
+        learn_from_px=3.0,
         trust_from_sigma_px=1.0,
     ),
 )

@@ -183,6 +183,29 @@ def test_a_part_that_was_hidden_is_found_at_once(part: Part, model: PreparedPart
     assert results[-1].state is TrackState.TRACKING
 
 
+def test_a_part_that_stands_still_is_learnt_once(
+    part: Part, model: PreparedPart, sequence: MadeSequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the offsets of its edges and its pose give way to each other, and both walk off."""
+    image, start = images_of(sequence)[0], truth_of(sequence)[0]
+    assert isinstance(ACP.learning, SampleLearning)
+    learns_always = replace(ACP, learning=replace(ACP.learning, learn_from_px=0.0))
+    follow = ContourOffsets.follow
+    count = dict[str, int]()
+    for name, method in (("news", ACP), ("all", learns_always)):
+        lessons: list[ContourOffsets] = []
+        monkeypatch.setattr(ContourOffsets, "follow", lambda *args, to=lessons: (to.append(args[0]), follow(*args)))
+        tracker, noise = Tracker(model, method), np.random.default_rng(0)
+        tracker.start(Frame(0, image, CAMERA), start)
+        for k in range(1, 13):
+            noisy = (image + noise.normal(0.0, 2.0, image.shape)).round().clip(0, 255).astype(np.uint8)
+            result = tracker.track(Frame(k, noisy, CAMERA))
+            assert add_percent(part, result.cam_T_obj, start) < 1.0
+        count[name] = len(lessons)
+    assert count["all"] >= 12
+    assert count["news"] <= 3
+
+
 def hovering(part: Part, share: float, count: int) -> list[FloatArray]:
     """Poses at the border between regions 4 (+z) and 0 (+x), a share on either side in turn, beginning in 4."""
     half = 0.5 * part.box_size

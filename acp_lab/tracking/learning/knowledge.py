@@ -17,6 +17,7 @@ from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.in_image import in_image
 from acp_lab.imaging.edge_search import Candidates, ImagePatch
 from acp_lab.prepared_part import PreparedPart
@@ -27,6 +28,7 @@ from acp_lab.tracking.learning.edge_profiles import EdgeProfiles, EdgeViews, Pro
 from acp_lab.tracking.learning.edge_traits import TraitEvidence
 from acp_lab.tracking.learning.lens_blur import LensBlur, LensConfig
 from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
+from acp_lab.tracking.learning.novelty import Novelty
 from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
 
@@ -60,6 +62,7 @@ class SampleLearning:
         blur: how long the shutter is open, hence how far moving edges are smeared.
         lens: how far edges are blurred that do not move; off, every picture is asked anew.
         learn_above: share of the running mean quality below which a frame teaches nothing.
+        learn_from_px: how far a part must have moved in the image since the last frame that taught; 0 for nowhere.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
             every sample helps to find the way.
     """
@@ -73,12 +76,15 @@ class SampleLearning:
     blur: BlurConfig | Off = field(default_factory=BlurConfig)
     lens: LensConfig | Off = field(default_factory=LensConfig)
     learn_above: float = 0.5
+    learn_from_px: float = 2.0
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
         parts = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles, self.blur, self.lens)
         if all(isinstance(part, Off) for part in parts):
             raise TrackingError('learning: all its parts are off: give learning.kind = "off"')
+        if not 0.0 <= self.learn_from_px < float("inf"):
+            raise TrackingError(f"learning.learn_from_px = {self.learn_from_px:g}: give px, 0 for every frame")
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +184,10 @@ class SampleKnowledge:
         self.profiles: EdgeProfiles | None = None
         self.blur: MotionBlur | None = None
         self.lens: LensBlur | None = None
+        self._novelty: Novelty | None = None
         if not isinstance(config, SampleLearning):
             return
+        self._novelty = Novelty(model.part, config.learn_from_px)
         if isinstance(config.memory, MemoryConfig):
             self.memory = EdgeMemory(len(edges), config.memory)
         if isinstance(config.offsets, OffsetConfig):
@@ -309,6 +317,10 @@ class SampleKnowledge:
         if isinstance(self.config, TargetLearning):
             return quality >= self.config.learn_above * mean_quality
         return isinstance(self.config, SampleLearning) and quality > self.config.learn_above * mean_quality
+
+    def is_new(self, camera: Camera, cam_T_obj: FloatArray, quality: float) -> bool:
+        """Whether a frame that may teach shows what the last one that taught did not, see `Novelty`; asked once."""
+        return self._novelty is None or self._novelty.is_new(camera, cam_T_obj, quality)
 
     def learn(self, matches: Matches) -> None:
         """Take in a solved frame."""
