@@ -153,6 +153,14 @@ class PoseKalman:
         self._observed = False
         self._go_on(self.predict(), self._velocity, self._covariance)
 
+    def repeat(self) -> None:
+        """A frame that shows the last one's picture: by the next picture the part may have gone a step farther.
+
+        Or it has not, where a video shows every picture twice: so the prediction stays, and is unsure by that step.
+        """
+        self._covariance[:6, :6] += np.outer(self._velocity, self._velocity)
+        self._information = None
+
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone.
 

@@ -38,6 +38,10 @@ class Predictor(Protocol):
         """A frame without an image: the part is where it was predicted."""
         ...
 
+    def repeat(self) -> None:
+        """A frame that shows the last one's picture: by the next picture the part may have gone a step farther."""
+        ...
+
     def predict(self) -> FloatArray:
         """(4, 4) the pose expected in the next frame."""
         ...
@@ -104,6 +108,9 @@ class _LastPose:
     def restart(self, cam_T_obj: FloatArray) -> None:
         """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
         self._last = cam_T_obj
+
+    def repeat(self) -> None:
+        """Nothing: how sure the prediction is, nobody knows."""
 
     @property
     def motion(self) -> FloatArray | None:

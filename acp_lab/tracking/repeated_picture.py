@@ -1,0 +1,67 @@
+"""The same picture again: what a video repeats tells nothing of the motion.
+
+Videos repeat pictures: where a camera is slower than the file that it is written to, as in dim light, where a film is
+brought to another rate, where a driver fills a gap. In such a video a part stands still and leaps by turns, the
+prediction is off by a whole step each time, and the prior pulls towards it. So a frame that shows around the part what
+the last one did is not solved anew: the pose stays, and the motion goes from picture to picture. Videos are compressed,
+and a repeated picture is not the same to the byte; but it differs far less than pictures of a moving part do.
+(Not in the paper, which predicts no motion; see docs/paper-ledger.md.)
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from statistics import median
+
+import cv2
+
+from acp_lab.cad.part import Part, box_corners
+from acp_lab.geometry.arrays import ByteImage, FloatArray
+from acp_lab.geometry.camera import Camera
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_view import crop_box
+
+REPEATED = "the same picture again"
+"""Note of a frame that repeats the last one."""
+_AGAIN = 0.1
+"""Share of the usual change from picture to picture below which nothing has changed."""
+_PICTURES = 5
+"""Over so many the usual change is the median."""
+# One row in so many tells as well.
+_ROWS = 4
+
+
+class ShownPicture:
+    """The picture around one part in the last frame; margin_px: how far around."""
+
+    def __init__(self, part: Part, margin_px: float) -> None:
+        self._corners_obj, self._margin_px = box_corners(part), margin_px
+        self.forget()
+
+    def forget(self) -> None:
+        """Before a new track."""
+        self._kept: tuple[ByteImage, float, tuple[slice, slice], Camera] | None = None
+        self._changes: deque[float] = deque(maxlen=_PICTURES)
+
+    def keep(self, frame: Frame, cam_T_obj: FloatArray) -> None:
+        """Of a frame in which the part is at a pose (4, 4); a copy, as whoever gave the image may write into it."""
+        self._kept = None
+        box = crop_box(self._corners_obj, cam_T_obj, frame.camera, self._margin_px)
+        if box is not None:
+            x0, y0, x1, y1 = (max(edge, 0) for edge in box)
+            around = slice(y0, y1, _ROWS), slice(x0, x1)
+            picture = frame.image[around].copy()
+            contrast = float(cv2.meanStdDev(picture)[1].mean())
+            self._kept = picture, max(contrast, 1.0), around, frame.camera
+
+    def is_again_in(self, frame: Frame) -> bool:
+        """Whether a frame, with the same camera, shows the same; if not, by how much it differs is taken in."""
+        if self._kept is None or self._kept[-1] != frame.camera:
+            return False
+        picture, contrast, around, _ = self._kept
+        # As a share of the contrast: when the lights go out a moving part changes little.
+        change = cv2.norm(frame.image[around], picture, cv2.NORM_L1) / (picture.size * contrast)
+        if change <= (_AGAIN * median(self._changes) if self._changes else 0.0):
+            return True
+        self._changes.append(change)
+        return False
