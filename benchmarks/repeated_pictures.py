@@ -4,9 +4,9 @@
 
 Each sequence is tracked forwards, from truth and from 5 degrees and 5 mm off, with defaults: as it is; with every
 picture twice, to the byte, or as far from it as MPEG-4 leaves it when OpenCV writes the video; and with the last
-picture in place of 30% of all, as drivers fill gaps. "looked at" is a tracker that takes each of these for a new
-picture. Of a row of frames that show the same the last counts, when at least 30% of the part is visible. PARTS holds
-prepared parts, or one folder of them per data set.
+picture in place of 30% of all, as drivers fill gaps. "taken for new" is a tracker that does not know a picture when it
+comes again. Of a row of frames that show the same the last counts, when at least 30% of the part is visible. PARTS
+holds prepared parts, or one folder of them per data set.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
-from acp_lab.tracking.solution import Solution  # noqa: E402
+from acp_lab.tracking.repeated_picture import ShownPicture  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks.robustness import STARTS  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
@@ -54,11 +54,20 @@ UNIT = {
 }
 
 
-class LooksAtAll(Tracker):
-    """Takes a picture that comes again for a new one."""
+class NeverShown(ShownPicture):
+    """Knows no picture again."""
 
-    def _keep(self, frame: Frame, solution: Solution, quality: float) -> None:
-        """Nothing, so that nothing comes again."""
+    def is_again_in(self, frame: Frame) -> bool:
+        """No."""
+        return False
+
+
+class TakesAllForNew(Tracker):
+    """Does not know a picture when it comes again."""
+
+    def __init__(self, model: PreparedPart, method: Method) -> None:
+        super().__init__(model, method)
+        self._shown = NeverShown(model.part, method.margin_px)
 
 
 def main() -> None:
@@ -105,7 +114,7 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[ToldRun]:
         images = [frames[number].frame.image for number in order]
         if name.endswith("compressed"):
             images = compressed(images)
-        trackers = {"": Tracker} if name.startswith("once") else {"": Tracker, ", looked at": LooksAtAll}
+        trackers = {"": Tracker} if name.startswith("once") else {"": Tracker, ", taken for new": TakesAllForNew}
         for suffix, kind in trackers.items():
             for start in STARTS_TOLD:
                 errors = _errors(frames, order, images, kind(model, method), start, np.random.default_rng(seed))

@@ -62,6 +62,10 @@ class KalmanPrediction:
         return PoseKalman(centre_obj, self)
 
 
+_STAYED = 0.3
+"""Share of a step that a part may seem to make in a picture that comes again."""
+
+
 class PoseKalman:
     """The filter of one part. innovation: of the last frame, squared, per degree of freedom; about 1 if all is well."""
 
@@ -72,6 +76,8 @@ class PoseKalman:
         # Of the next frame, as predicted: pose (4, 4), velocity (6,), covariance (12, 12) of both.
         self._pose, self._velocity, self._covariance = np.eye(4), np.zeros(6), np.eye(12)
         self._information: FloatArray | None = None
+        # The pose predicted before it was known that the next frame repeats the last picture.
+        self._ahead: FloatArray | None = None
 
     @property
     def last(self) -> FloatArray:
@@ -154,12 +160,12 @@ class PoseKalman:
         self._go_on(self.predict(), self._velocity, self._covariance)
 
     def repeat(self) -> None:
-        """A frame that shows the last one's picture: by the next picture the part may have gone a step farther.
+        """The next frame shows the last one's picture again: the part is expected where it was, with what smear it had.
 
-        Or it has not, where a video shows every picture twice: so the prediction stays, and is unsure by that step.
+        Found there, it goes on from there as it would have gone: by the next picture by one step, or by two if a
+        picture was left out, so the prediction stays, and is unsure by a step.
         """
-        self._covariance[:6, :6] += np.outer(self._velocity, self._velocity)
-        self._information = None
+        self._ahead, self._pose = self._pose, self.last.copy()
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone.
@@ -168,9 +174,18 @@ class PoseKalman:
         `priors.MotionPrior`) makes the innovation, and what it widens, a little larger.
         """
         covariance = self._covariance
+        stays = self._ahead is not None and self._stays_at(cam_T_obj)
+        if self._ahead is not None:
+            self._pose, self._ahead = self._ahead, None
         if quality <= self._config.hold_below:
             self._observed = False
             self._go_on(self.last, np.zeros(6), covariance)
+            return
+        if stays:
+            self._last, self._pose, self._information = cam_T_obj, np.empty((4, 4)), None
+            move(plain(cam_T_obj), self._centre_obj, self._velocity, self._pose)
+            self._covariance = covariance.copy()
+            self._covariance[:6, :6] += np.outer(self._velocity, self._velocity)
             return
         self._observed = True
         prior, off = self.information(), self._off(cam_T_obj)
@@ -183,6 +198,11 @@ class PoseKalman:
         take_in(covariance, prior, prior + (prior if information is None else information), off, velocity, updated)
         self._go_on(cam_T_obj, velocity, updated)
 
+    def _stays_at(self, cam_T_obj: FloatArray) -> bool:
+        """Whether a part that is expected where it was hardly moved, for one of its motion."""
+        off, step, prior = self._off(cam_T_obj), self._velocity, self.information()
+        return bool(off @ prior @ off <= _STAYED**2 * (step @ prior @ step))
+
     def _off(self, cam_T_obj: FloatArray) -> FloatArray:
         """(6,) the pose step from the predicted pose to another (4, 4)."""
         off = np.empty(6)
@@ -191,7 +211,7 @@ class PoseKalman:
 
     def _go_on(self, cam_T_obj: FloatArray, velocity: FloatArray, covariance: FloatArray) -> None:
         """To the next frame, from what is known in this one."""
-        config, share = self._config, self._config.speed_share
+        config, share, self._ahead = self._config, self._config.speed_share, None
         turning, shifting = velocity[:3] @ velocity[:3], velocity[3:] @ velocity[3:]
         variance = np.empty(6)
         variance[:3] = self._widening * (math.radians(config.turn_deg) ** 2 + share**2 * turning)

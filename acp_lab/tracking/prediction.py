@@ -39,7 +39,7 @@ class Predictor(Protocol):
         ...
 
     def repeat(self) -> None:
-        """A frame that shows the last one's picture: by the next picture the part may have gone a step farther."""
+        """The next frame shows the last one's picture again: the part is expected where it was."""
         ...
 
     def predict(self) -> FloatArray:
@@ -110,7 +110,7 @@ class _LastPose:
         self._last = cam_T_obj
 
     def repeat(self) -> None:
-        """Nothing: how sure the prediction is, nobody knows."""
+        """Nothing: only a prediction that is a prior does harm where it is wrong."""
 
     @property
     def motion(self) -> FloatArray | None:

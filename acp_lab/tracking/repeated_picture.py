@@ -2,9 +2,10 @@
 
 Videos repeat pictures: where a camera is slower than the file that it is written to, as in dim light, where a film is
 brought to another rate, where a driver fills a gap. In such a video a part stands still and leaps by turns, the
-prediction is off by a whole step each time, and the prior pulls towards it. So a frame that shows around the part what
-the last one did is not solved anew: the pose stays, and the motion goes from picture to picture. Videos are compressed,
-and a repeated picture is not the same to the byte; but it differs far less than pictures of a moving part do.
+prediction is off by a whole step each time, and the prior pulls towards it. So where a frame shows around the part what
+the last one did, the part is expected where it was, and the motion goes from picture to picture (`PoseKalman.repeat`).
+The frame is solved like any other: compression changes a repeated picture a little, and so does a part that hardly
+moves before a background that did.
 (Not in the paper, which predicts no motion; see docs/paper-ledger.md.)
 """
 
@@ -21,14 +22,12 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_view import crop_box
 
-REPEATED = "the same picture again"
-"""Note of a frame that repeats the last one."""
 _AGAIN = 0.1
-"""Share of the usual change from picture to picture below which nothing has changed."""
+"""Share of the usual change from picture to picture below which a picture is taken for the last one."""
 _PICTURES = 5
 """Over so many the usual change is the median."""
-# One row in so many tells as well.
-_ROWS = 4
+# Some rows tell as well as all, and large pictures cost no more.
+_LEAST_STEP, _MOST_PIXELS = 4, 65_536
 
 
 class ShownPicture:
@@ -49,16 +48,19 @@ class ShownPicture:
         box = crop_box(self._corners_obj, cam_T_obj, frame.camera, self._margin_px)
         if box is not None:
             x0, y0, x1, y1 = (max(edge, 0) for edge in box)
-            around = slice(y0, y1, _ROWS), slice(x0, x1)
+            x1, y1 = min(x1, frame.camera.width), min(y1, frame.camera.height)
+            step = max(_LEAST_STEP, (y1 - y0) * (x1 - x0) // _MOST_PIXELS)
+            around = slice(y0, y1, step), slice(x0, x1)
             picture = frame.image[around].copy()
             contrast = float(cv2.meanStdDev(picture)[1].mean())
             self._kept = picture, max(contrast, 1.0), around, frame.camera
 
     def is_again_in(self, frame: Frame) -> bool:
-        """Whether a frame, with the same camera, shows the same; if not, by how much it differs is taken in."""
-        if self._kept is None or self._kept[-1] != frame.camera:
+        """Whether a frame, with the same camera, shows the picture that was kept last; asked once."""
+        kept, self._kept = self._kept, None
+        if kept is None or kept[-1] != frame.camera:
             return False
-        picture, contrast, around, _ = self._kept
+        picture, contrast, around, _ = kept
         # As a share of the contrast: when the lights go out a moving part changes little.
         change = cv2.norm(frame.image[around], picture, cv2.NORM_L1) / (picture.size * contrast)
         if change <= (_AGAIN * median(self._changes) if self._changes else 0.0):

@@ -31,11 +31,10 @@ from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.magnification import MagnifyingGlass
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.observer import Observer
-from acp_lab.tracking.prediction import LastPosePrediction
 from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.recovery import Alternatives
-from acp_lab.tracking.repeated_picture import REPEATED, ShownPicture
-from acp_lab.tracking.result import NOT_PREPARED, TrackResult, TrackState
+from acp_lab.tracking.repeated_picture import ShownPicture
+from acp_lab.tracking.result import NOT_PREPARED, TrackResult
 from acp_lab.tracking.search import Look
 from acp_lab.tracking.second_opinion import Question, second_opinion
 from acp_lab.tracking.session import TrackRun, track_sequence
@@ -83,9 +82,7 @@ class Tracker:
         self._finder = LateFinder(model)
         self._assessment = Assessment(model.part, self.method)
         self._whereabouts = Whereabouts(model, self.method, self._assessment, self._finder)
-        self._goes_by_motion = not isinstance(self.method.prediction, LastPosePrediction)
         self._shown = ShownPicture(model.part, self.method.margin_px)
-        self._followed: tuple[Solution, float] | None = None
         self._forget()
 
     @property
@@ -166,7 +163,7 @@ class Tracker:
         note = "; ".join(filter(None, (started.note, note)))
         if not self._trusted and not isinstance(self.method.uncertainty, Off):
             solution = self.solver.weigh(seen, solution)
-        self._keep(as_given, solution, quality)
+        self._shown.keep(as_given, solution.cam_T_obj)
         return self._result(frame, pose, solution, quality, clock, begin_s, note)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -182,9 +179,6 @@ class Tracker:
             check_frame(frame)
         begin_s, clock = time.perf_counter(), Stopwatch()
         pursuit, whereabouts = self._pursuit, self._whereabouts
-        if self._followed is not None and isinstance(frame, Frame) and self._shown.is_again_in(frame):
-            return self._repeated(frame, *self._followed, clock, begin_s)
-        self._followed = None
         self.solver.records_steps = self.records_steps
         # Kept as long as every frame is seen: over a gap it would tell another motion.
         first, self._first = self._first, None
@@ -193,6 +187,8 @@ class Tracker:
             pursuit.predictor.coast()
             note = "; ".join(filter(None, (frame.reason, whereabouts.miss())))
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
+        if self._shown.is_again_in(frame):
+            pursuit.predictor.repeat()
         as_given, frame = frame, self._steady(frame, clock)
         self.solver.magnify(frame.camera, self.predicted)
         proposals, other = whereabouts.proposals(frame, clock), None
@@ -228,12 +224,11 @@ class Tracker:
         elif not whereabouts.is_lost:
             pursuit.remember(frame, solution.cam_T_obj)
         if not whereabouts.is_lost:
+            self._shown.keep(as_given, solution.cam_T_obj)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             pursuit.usual.take_in(solution)
         if other is not None:
             note = "; ".join(filter(None, ("the detector finds it elsewhere", note)))
-        if whereabouts.may_teach:
-            self._keep(as_given, solution, quality)
         # Where the region was chosen at.
         at = predicted if other is None and not proposals else solution.cam_T_obj
         return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(at) or note)
@@ -288,7 +283,6 @@ class Tracker:
         if self._tones is not None:
             self._tones.forget()
         self._shown.forget()
-        self._followed = None
         self._started = self._trusted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 
@@ -415,20 +409,6 @@ class Tracker:
             target=glass.target(judgement.target_view) if self.records_target else None,
             sought=self._whereabouts.sought,
         )
-
-    def _keep(self, frame: Frame, solution: Solution, quality: float) -> None:
-        """A frame as it was given, should the next one repeat it; what fits poorly is looked at again."""
-        if self._goes_by_motion and self._whereabouts.state is TrackState.TRACKING:
-            self._shown.keep(frame, solution.cam_T_obj)
-            self._followed = solution, quality
-
-    def _repeated(
-        self, frame: Frame, solution: Solution, quality: float, clock: Stopwatch, begin_s: float
-    ) -> TrackResult:
-        """What was found in the last frame, whose picture this one shows again."""
-        self._pursuit.predictor.repeat()
-        last = self._result(frame, solution.cam_T_obj, solution, quality, clock, begin_s, REPEATED)
-        return replace(last, iterations=0, steps=())
 
     def _blind(
         self,

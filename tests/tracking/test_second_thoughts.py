@@ -234,7 +234,7 @@ def test_a_gap_is_no_row_of_frames() -> None:
     shown = Frame(0, draw([(part, pose)], 0, LARGE), LARGE)
     tracker.start(shown, pose)
     for k in range(1, 4):
-        tracker.track(Frame(k, draw([(part, pose)], k, LARGE), LARGE))
+        tracker.track(replace(shown, index=k))
     assert thoughts._poor_frames == 3
     tracker.track(UnreadableFrame(4, LARGE, "gone"))
     assert thoughts._poor_frames == 0
@@ -258,8 +258,7 @@ def test_a_part_on_probation_teaches_nothing(
     for k in range(1, 10):
         if k == 3:
             thoughts.take_in(0.1, True)
-        seen = Frame(k, draw([(part, pose)], k, LARGE), LARGE)
-        tracker.track(UnreadableFrame(k, LARGE, "gone") if k == gap else seen)
+        tracker.track(UnreadableFrame(k, LARGE, "gone") if k == gap else replace(shown, index=k))
     assert learnt == expected
 
 
