@@ -42,7 +42,7 @@ ENDS = 5
 """Frames over which an error at the beginning and at the end is the mean."""
 LIGHTS = {"light that stays": 1.0, "light that fades": 0.4}
 UNIT = {
-    "begin": "ADD (ADD-S) in the first 5 frames of the stand, share of the diameter, mean over runs",
+    "begin": "ADD (ADD-S) in the first 5 frames of the stand, % of the diameter, mean over runs",
     "end": "the same in its last 5 frames",
     "@2": "share of the frames of the stand with ADD (ADD-S) below 2% of the diameter",
     "@2 afterwards": "the same of the frames in which the part moves on",
@@ -79,8 +79,8 @@ def main() -> None:
 def _row(runs: Sequence[Stand]) -> dict[str, float]:
     squared = np.concatenate([run.squared for run in runs])
     return {
-        "begin": float(np.mean([run.stands[:ENDS].mean() for run in runs])),
-        "end": float(np.mean([run.stands[-ENDS:].mean() for run in runs])),
+        "begin": float(np.mean([100.0 * run.stands[:ENDS].mean() for run in runs])),
+        "end": float(np.mean([100.0 * run.stands[-ENDS:].mean() for run in runs])),
         "@2": float(np.mean([(run.stands < 0.02).mean() for run in runs])),
         "@2 afterwards": float(np.mean([(run.afterwards < 0.02).mean() for run in runs])),
         "within": float((squared[np.isfinite(squared)] < WITHIN_6).mean()),
