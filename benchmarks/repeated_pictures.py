@@ -25,15 +25,17 @@ import numpy as np  # noqa: E402
 
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.arrays import ByteImage  # noqa: E402
+from acp_lab.geometry.camera import Camera  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
 from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
+from acp_lab.sequences.images import VideoFile  # noqa: E402
 from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.repeated_picture import ShownPicture  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks.robustness import STARTS  # noqa: E402
-from benchmarks.runs import prepared_part_of  # noqa: E402
+from benchmarks.runs import prepared_part_of, readable_frames  # noqa: E402
 from benchmarks.told_wrong import (  # noqa: E402
     STARTS_TOLD,
     ToldRun,
@@ -89,18 +91,16 @@ def order_of(name: str, count: int, rng: np.random.Generator) -> list[int]:
 
 
 def compressed(images: Sequence[ByteImage]) -> list[ByteImage]:
-    """As a video gives them back that OpenCV writes, in MPEG-4."""
+    """As a video is read that OpenCV wrote of them, in MPEG-4."""
     height, width = images[0].shape[:2]
     with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "video.mp4")
-        writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (width, height))
+        path = Path(folder) / "video.mp4"
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (width, height))
         for image in images:
             writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         writer.release()
-        capture, back = cv2.VideoCapture(path), list[ByteImage]()
-        while (read := capture.read())[0]:
-            back.append(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False))
-        capture.release()
+        any_camera = Camera(width, height, width, width, 0.5 * width, 0.5 * height)
+        back = [frame.image for frame in readable_frames(VideoFile(path, any_camera))]
     if len(back) != len(images):
         raise SystemExit(f"a video of {len(images)} frames came back with {len(back)}: OpenCV writes no MPEG-4 here")
     return back

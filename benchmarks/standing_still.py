@@ -32,7 +32,7 @@ from acp_lab.tracking.method import Method, method_named  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks.faulty_frames import in_light, noisy  # noqa: E402
 from benchmarks.robustness import STARTS  # noqa: E402
-from benchmarks.runs import prepared_part_of  # noqa: E402
+from benchmarks.runs import LOST, prepared_part_of  # noqa: E402
 from benchmarks.told_wrong import STARTS_TOLD, ToldRun, TrueFrame, arguments, record, rows_of, true_frames  # noqa: E402
 from benchmarks.uncertainty import WITHIN_6  # noqa: E402
 
@@ -84,7 +84,7 @@ def _row(runs: Sequence[Stand]) -> dict[str, float]:
         "@2": float(np.mean([(run.stands < 0.02).mean() for run in runs])),
         "@2 afterwards": float(np.mean([(run.afterwards < 0.02).mean() for run in runs])),
         "within": float((squared[np.isfinite(squared)] < WITHIN_6).mean()),
-        "lost": sum(bool((run.errors > 0.3).any()) for run in runs),
+        "lost": sum(bool((run.errors > LOST).any()) for run in runs),
         "runs": len(runs),
     }
 

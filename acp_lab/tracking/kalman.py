@@ -21,6 +21,9 @@ from acp_lab.geometry.pose_kernels import invert, move, step_between
 from acp_lab.geometry.pose_step import image_directions, move_pose
 from acp_lab.tracking.kalman_kernel import go_on, take_in
 
+_STAYED = 0.3
+"""Share of a step that a part may seem to make in a picture that comes again."""
+
 
 @dataclass(frozen=True)
 class KalmanPrediction:
@@ -60,10 +63,6 @@ class KalmanPrediction:
     def predictor(self, centre_obj: FloatArray) -> PoseKalman:
         """For a part with its centre at (3,) mm."""
         return PoseKalman(centre_obj, self)
-
-
-_STAYED = 0.3
-"""Share of a step that a part may seem to make in a picture that comes again."""
 
 
 class PoseKalman:
@@ -199,7 +198,7 @@ class PoseKalman:
         self._go_on(cam_T_obj, velocity, updated)
 
     def _stays_at(self, cam_T_obj: FloatArray) -> bool:
-        """Whether a part that is expected where it was hardly moved, for one of its motion."""
+        """Whether a pose (4, 4) is off the predicted one by a small share of a step, as the covariance weighs both."""
         off, step, prior = self._off(cam_T_obj), self._velocity, self.information()
         return bool(off @ prior @ off <= _STAYED**2 * (step @ prior @ step))
 
@@ -211,12 +210,12 @@ class PoseKalman:
 
     def _go_on(self, cam_T_obj: FloatArray, velocity: FloatArray, covariance: FloatArray) -> None:
         """To the next frame, from what is known in this one."""
-        config, share, self._ahead = self._config, self._config.speed_share, None
+        config, share = self._config, self._config.speed_share
         turning, shifting = velocity[:3] @ velocity[:3], velocity[3:] @ velocity[3:]
         variance = np.empty(6)
         variance[:3] = self._widening * (math.radians(config.turn_deg) ** 2 + share**2 * turning)
         variance[3:] = self._widening * (config.shift_mm**2 + share**2 * shifting)
-        self._last, self._velocity = cam_T_obj, velocity
+        self._last, self._velocity, self._ahead = cam_T_obj, velocity, None
         self._pose, self._covariance, self._information = np.empty((4, 4)), np.empty((12, 12)), None
         move(plain(cam_T_obj), self._centre_obj, velocity, self._pose)
         go_on(covariance, variance, self._covariance)

@@ -39,7 +39,7 @@ class ShownPicture:
 
     def forget(self) -> None:
         """Before a new track."""
-        self._kept: tuple[ByteImage, float, tuple[slice, slice], Camera] | None = None
+        self._kept: tuple[ByteImage, tuple[slice, slice], Camera] | None = None
         self._changes: deque[float] = deque(maxlen=_PICTURES)
 
     def keep(self, frame: Frame, cam_T_obj: FloatArray) -> None:
@@ -51,16 +51,15 @@ class ShownPicture:
             x1, y1 = min(x1, frame.camera.width), min(y1, frame.camera.height)
             step = max(_LEAST_STEP, (y1 - y0) * (x1 - x0) // _MOST_PIXELS)
             around = slice(y0, y1, step), slice(x0, x1)
-            picture = frame.image[around].copy()
-            contrast = float(cv2.meanStdDev(picture)[1].mean())
-            self._kept = picture, max(contrast, 1.0), around, frame.camera
+            self._kept = frame.image[around].copy(), around, frame.camera
 
     def is_again_in(self, frame: Frame) -> bool:
         """Whether a frame, with the same camera, shows the picture that was kept last; asked once."""
         kept, self._kept = self._kept, None
         if kept is None or kept[-1] != frame.camera:
             return False
-        picture, contrast, around, _ = kept
+        picture, around, _ = kept
+        contrast = max(float(cv2.meanStdDev(picture)[1].mean()), 1.0)
         # As a share of the contrast: when the lights go out a moving part changes little.
         change = cv2.norm(frame.image[around], picture, cv2.NORM_L1) / (picture.size * contrast)
         if change <= (_AGAIN * median(self._changes) if self._changes else 0.0):

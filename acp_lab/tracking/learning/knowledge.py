@@ -187,7 +187,8 @@ class SampleKnowledge:
         self._novelty: Novelty | None = None
         if not isinstance(config, SampleLearning):
             return
-        self._novelty = Novelty(model.part, config.learn_from_px)
+        if config.learn_from_px > 0.0:
+            self._novelty = Novelty(model.part, config.learn_from_px)
         if isinstance(config.memory, MemoryConfig):
             self.memory = EdgeMemory(len(edges), config.memory)
         if isinstance(config.offsets, OffsetConfig):
@@ -319,7 +320,10 @@ class SampleKnowledge:
         return isinstance(self.config, SampleLearning) and quality > self.config.learn_above * mean_quality
 
     def is_new(self, camera: Camera, cam_T_obj: FloatArray, quality: float) -> bool:
-        """Whether a frame that may teach shows what the last one that taught did not, see `Novelty`; asked once."""
+        """Whether a frame that may teach shows what the last one that taught did not, see `Novelty`.
+
+        Asked once of a frame. Of its camera, its pose (4, 4) and its quality.
+        """
         return self._novelty is None or self._novelty.is_new(camera, cam_T_obj, quality)
 
     def learn(self, matches: Matches) -> None:
