@@ -26,6 +26,7 @@ from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.input_file import check_regular
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, LARGEST_PIXELS, quiet_cv2, read_first, read_rgb
+from acp_lab.sequences.image_times import CameraClock, times_of
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import at_most
 
@@ -108,7 +109,8 @@ class _OwnImages(ABC):
 class ImageFolder(_OwnImages):
     """The images of a folder, in natural order of their names: 2.png before 10.png.
 
-    Names that begin with a dot are passed over: they are hidden, and those of macOS hold no pictures. A pixels.json
+    Names that begin with a dot are passed over: they are hidden, and those of macOS hold no pictures. Frames have times
+    where the names are such, see `image_times.times_of`. A pixels.json
     among the images says how their values are meant (`PixelCoding`); `coding` overrules it. Raises
     InputFileError for a folder that is missing, a first image that cannot be read or is not of the
     camera's size, SequenceError for a folder without images.
@@ -121,6 +123,7 @@ class ImageFolder(_OwnImages):
         super().__init__(Path(os.path.abspath(self.folder)).name, camera)
         self.image_paths = _images_in(self.folder)
         self.frame_ids = tuple(range(len(self.image_paths)))
+        self._times_s = times_of(self.image_paths)
         coding = PixelCoding.beside(self.folder) if coding is None else coding
         first, self._coding = read_first(self.image_paths[0], coding)
         self._check_first(first, str(self.image_paths[0]))
@@ -132,7 +135,7 @@ class ImageFolder(_OwnImages):
             except InputFileError as error:
                 yield self._unreadable(index, str(error))
             else:
-                yield self._frame(index, image, str(path))
+                yield self._frame(index, image, str(path), None if self._times_s is None else self._times_s[index])
 
 
 class VideoFile(_OwnImages):
@@ -178,8 +181,8 @@ class CameraDevice(_OwnImages):
     """A live camera by its number; endless until the loop is left, so frame_ids is empty.
 
     The device is opened by `frames()` and closed when its iterator ends or is closed. time_s counts from
-    there. Raises SequenceError when there is no such device, when it does not deliver the camera's image
-    size, or when it stops delivering.
+    there, see `image_times.CameraClock`. Raises SequenceError when there is no such device, when it does not deliver
+    the camera's image size, or when it stops delivering.
     """
 
     def __init__(self, index: int, camera: Camera) -> None:
@@ -192,12 +195,12 @@ class CameraDevice(_OwnImages):
                 raise SequenceError(f"{self.name}: cannot be opened: check its number, its cable and who else uses it")
             device.set(cv2.CAP_PROP_FRAME_WIDTH, self.camera.width)
             device.set(cv2.CAP_PROP_FRAME_HEIGHT, self.camera.height)
-            start = time.perf_counter()
+            clock = CameraClock()
             index = failures = 0
             while failures < _FAILURES_IN_A_ROW:
                 found, image = device.read()
                 if found:
-                    time_s = time.perf_counter() - start
+                    time_s = clock.taken_s(device)
                     misfit = self._misfit(np.asarray(image, np.uint8), self.name)
                     if misfit is not None:
                         raise SequenceError(misfit)

@@ -20,6 +20,7 @@ from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_kernels import invert, move, step_between
 from acp_lab.geometry.pose_step import image_directions, move_pose
 from acp_lab.tracking.kalman_kernel import go_on, take_in
+from acp_lab.tracking.time_step import TimeStep
 
 _STAYED = 0.3
 """Share of a step that a part may seem to make in a picture that comes again."""
@@ -75,6 +76,8 @@ class PoseKalman:
         # Of the next frame, as predicted: pose (4, 4), velocity (6,), covariance (12, 12) of both.
         self._pose, self._velocity, self._covariance = np.eye(4), np.zeros(6), np.eye(12)
         self._information: FloatArray | None = None
+        # Of the last frame, which these were predicted from: the same three, and the share of a usual step to the next.
+        self._from, self._of_usual = (self._pose, self._velocity, self._covariance), 1.0
         # The pose predicted before it was known that the next frame repeats the last picture.
         self._ahead: FloatArray | None = None
 
@@ -101,8 +104,8 @@ class PoseKalman:
 
     @property
     def motion(self) -> FloatArray | None:
-        """(6,) the pose step (rad, mm) to the next frame that is expected; None before a motion was seen."""
-        return self._velocity if self.moves else None
+        """(6,) the pose step (rad, mm) expected in a usual time step; None before a motion was seen."""
+        return self._velocity / self._of_usual if self.moves else None
 
     def predict(self) -> FloatArray:
         """(4, 4) the pose expected in the next frame."""
@@ -158,6 +161,22 @@ class PoseKalman:
         self._observed = False
         self._go_on(self.predict(), self._velocity, self._covariance)
 
+    def elapse(self, step: TimeStep) -> None:
+        """The next frame, predicted for a usual step by now, comes after another one.
+
+        The velocity is per step, so it changes with it; accelerations act for as long. After a long step the part rests
+        where it was, for all that is known.
+        """
+        if step == TimeStep() or self._last is None:
+            return
+        if step.is_long:
+            self.restart(self._last)
+            return
+        pose, velocity, covariance = self._from
+        by = np.ones(12)
+        by[6:] = step.of_last
+        self._go_on(pose, step.of_last * velocity, by[:, None] * covariance * by, step.of_usual)
+
     def repeat(self) -> None:
         """The next frame shows the last one's picture again: the part is expected where it was, with what smear it had.
 
@@ -182,6 +201,7 @@ class PoseKalman:
             return
         if stays:
             self._last, self._pose, self._information = cam_T_obj, np.empty((4, 4)), None
+            self._from, self._of_usual = (cam_T_obj, self._velocity, covariance), 1.0
             move(plain(cam_T_obj), self._centre_obj, self._velocity, self._pose)
             self._covariance = covariance.copy()
             self._covariance[:6, :6] += np.outer(self._velocity, self._velocity)
@@ -208,13 +228,18 @@ class PoseKalman:
         step_between(plain(self.predict()), plain(cam_T_obj), self._centre_obj, off)
         return off
 
-    def _go_on(self, cam_T_obj: FloatArray, velocity: FloatArray, covariance: FloatArray) -> None:
-        """To the next frame, from what is known in this one."""
-        config, share = self._config, self._config.speed_share
+    def _go_on(
+        self, cam_T_obj: FloatArray, velocity: FloatArray, covariance: FloatArray, of_usual: float = 1.0
+    ) -> None:
+        """To the next frame, from what is known in this one; of_usual: the step there, as a share of the usual one."""
+        config, share = self._config, self._config.speed_share / of_usual
         turning, shifting = velocity[:3] @ velocity[:3], velocity[3:] @ velocity[3:]
         variance = np.empty(6)
         variance[:3] = self._widening * (math.radians(config.turn_deg) ** 2 + share**2 * turning)
         variance[3:] = self._widening * (config.shift_mm**2 + share**2 * shifting)
+        # White noise of the acceleration: the variance of a velocity grows with the time, and here it is per step.
+        variance *= of_usual**3
+        self._from, self._of_usual = (cam_T_obj, velocity, covariance), of_usual
         self._last, self._velocity, self._ahead = cam_T_obj, velocity, None
         self._pose, self._covariance, self._information = np.empty((4, 4)), np.empty((12, 12)), None
         move(plain(cam_T_obj), self._centre_obj, velocity, self._pose)

@@ -11,6 +11,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import so3_exp, so3_log, transform
 from acp_lab.geometry.pose_step import pose_step_between
+from acp_lab.tracking.time_step import TimeStep
 
 
 class Predictor(Protocol):
@@ -38,6 +39,10 @@ class Predictor(Protocol):
         """A frame without an image: the part is where it was predicted."""
         ...
 
+    def elapse(self, step: TimeStep) -> None:
+        """The next frame comes after a step in time; without this call after one like the last."""
+        ...
+
     def repeat(self) -> None:
         """The next frame shows the last one's picture again: the part is expected where it was."""
         ...
@@ -48,7 +53,7 @@ class Predictor(Protocol):
 
     @property
     def motion(self) -> FloatArray | None:
-        """(6,) the pose step (rad, mm) to the next frame that is expected, see `frame_view.View`; None if unknown."""
+        """(6,) the pose step (rad, mm) expected in a usual time step, see `frame_view.View`; None if unknown."""
         ...
 
     def information(self) -> FloatArray | None:
@@ -109,6 +114,9 @@ class _LastPose:
         """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
         self._last = cam_T_obj
 
+    def elapse(self, step: TimeStep) -> None:
+        """Nothing: no motion is known."""
+
     def repeat(self) -> None:
         """Nothing: only a prediction that is a prior does harm where it is wrong."""
 
@@ -162,11 +170,18 @@ class ConstantVelocity(_LastPose):
         self._rest_below = rest_below
         self._before: FloatArray | None = None
         self._is_good = True  # the last pose
+        self._step = TimeStep()
 
     def restart(self, cam_T_obj: FloatArray) -> None:
         """Forget the past; the part rests at `cam_T_obj` (4, 4)."""
         super().restart(cam_T_obj)
-        self._before, self._is_good = None, True
+        self._before, self._is_good, self._step = None, True, TimeStep()
+
+    def elapse(self, step: TimeStep) -> None:
+        """The next frame comes after a step in time: the part goes as far as that lasts; after a long one it rests."""
+        self._step = step
+        if step.is_long:
+            self._before = None
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in the pose (4, 4) of a further frame."""
@@ -178,7 +193,7 @@ class ConstantVelocity(_LastPose):
     def coast(self) -> None:
         """A frame without an image: the motion goes on."""
         if self._before is not None:
-            self._before, self._last = self._last, self.predict()
+            self._before, self._last, self._step = self._last, self.predict(), TimeStep()
 
     @property
     def moves(self) -> bool:
@@ -187,19 +202,21 @@ class ConstantVelocity(_LastPose):
 
     @property
     def motion(self) -> FloatArray | None:
-        """(6,) the last pose step (rad, mm); None before there was one."""
-        return None if self._before is None else pose_step_between(self._before, self.last, self._centre_obj)
+        """(6,) the last pose step (rad, mm), of a usual time step; None before there was one."""
+        if self._before is None:
+            return None
+        return self._step.of_last / self._step.of_usual * pose_step_between(self._before, self.last, self._centre_obj)
 
     def predict(self) -> FloatArray:
         """(4, 4) pose expected in the next frame."""
-        last, before = self.last, self._before
+        last, before, of_last = self.last, self._before, self._step.of_last
         if before is None:
             return last.copy()
         # Through the logarithm, which makes it a rotation again: as a bare product, rounding errors
         # would more than double from frame to frame.
-        turn = so3_exp(so3_log(last[:3, :3] @ before[:3, :3].T))
+        turn = so3_exp(of_last * so3_log(last[:3, :3] @ before[:3, :3].T))
         now = transform(last, self._centre_obj)
-        centre = 2.0 * now - transform(before, self._centre_obj)
+        centre = (1.0 + of_last) * now - of_last * transform(before, self._centre_obj)
         predicted = np.eye(4)
         predicted[:3, :3] = turn @ last[:3, :3]
         predicted[:3, 3] = centre - predicted[:3, :3] @ self._centre_obj

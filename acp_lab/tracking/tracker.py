@@ -41,6 +41,7 @@ from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import LOOK_LEVEL, Started, TrustedStart, begin
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.time_step import FrameTimes
 from acp_lab.tracking.tones import Tones
 from acp_lab.tracking.whereabouts import Whereabouts
 
@@ -82,6 +83,7 @@ class Tracker:
         self._finder = LateFinder(model)
         self._assessment = Assessment(model.part, self.method)
         self._whereabouts = Whereabouts(model, self.method, self._assessment, self._finder)
+        self._times = FrameTimes()
         self._shown = ShownPicture(model.part, self.method.margin_px)
         self._forget()
 
@@ -164,6 +166,7 @@ class Tracker:
         if not self._trusted and not isinstance(self.method.uncertainty, Off):
             solution = self.solver.weigh(seen, solution)
         self._shown.keep(as_given, solution.cam_T_obj)
+        self._times.begin(as_given)
         return self._result(frame, pose, solution, quality, clock, begin_s, note)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -182,6 +185,7 @@ class Tracker:
         self.solver.records_steps = self.records_steps
         # Kept as long as every frame is seen: over a gap it would tell another motion.
         first, self._first = self._first, None
+        pursuit.predictor.elapse(self._times.step_to(frame))
         if isinstance(frame, UnreadableFrame):
             predicted = self.predicted
             pursuit.predictor.coast()
@@ -283,6 +287,7 @@ class Tracker:
         if self._tones is not None:
             self._tones.forget()
         self._shown.forget()
+        self._times.forget()
         self._started = self._trusted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 

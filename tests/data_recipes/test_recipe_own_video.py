@@ -121,6 +121,9 @@ class _FakeDevice:
     def set(self, key: int, value: float) -> bool:
         return True
 
+    def get(self, key: int) -> float:
+        return 0.0
+
     def read(self) -> tuple[bool, np.ndarray]:
         self.count += 1
         return True, np.full((HEIGHT, WIDTH, 3), self.count, np.uint8)

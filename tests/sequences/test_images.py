@@ -285,6 +285,9 @@ class _FakeDevice:
     def set(self, key: int, value: float) -> bool:
         return True
 
+    def get(self, key: int) -> float:
+        return 0.0
+
     def read(self) -> tuple[bool, Any]:
         image = next(self.images, None)
         return image is not None, image

@@ -424,7 +424,7 @@ def test_a_frame_starts_where_the_prediction_says(prediction: Any, model: Prepar
     assert (np.abs(expected - last).max() > 0.5) == (prediction is VELOCITY)
     np.testing.assert_allclose(tracker.predicted, expected, atol=1e-9)
     np.testing.assert_allclose(tracker.last, last, atol=1e-9)
-    blind = tracker.track(black(99))
+    blind = tracker.track(black(8))
     np.testing.assert_allclose(blind.predicted, expected, atol=1e-9)
     np.testing.assert_allclose(blind.cam_T_obj, expected, atol=1e-6)
 
@@ -445,7 +445,7 @@ def test_what_goes_on_is_i_itself_or_the_i_of_its_pose(carry: str, prediction: A
     rigid, ahead = (CAMERA.project(transform(pose, w)) for pose in (last.cam_T_obj, tracker.predicted))
     drift = last.control_points - rigid
     assert np.abs(drift).max() > 0.05, "the test's own point is gone: I drifted nowhere"
-    blind = tracker.track(black(99))
+    blind = tracker.track(black(10))
     np.testing.assert_allclose(blind.control_points, ahead + drift if carry == "points" else ahead, atol=1e-4)
 
 

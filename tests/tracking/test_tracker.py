@@ -669,7 +669,7 @@ def test_another_region_begins_with_the_projection_of_the_pose(part: Part, model
     tracker = Tracker(model, method)
     assert {result.region for result in tracked(tracker, part, truth)} == {4}
     predicted = tracker.predicted
-    blind = tracker.track(Frame(9, np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8), CAMERA))
+    blind = tracker.track(Frame(len(truth), np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8), CAMERA))
     assert blind.region == 0, "the test's own point is gone"
     shown = CAMERA.project(transform(predicted, tracker.control_points_obj[0]))
     np.testing.assert_allclose(blind.control_points, shown, atol=1e-6)
