@@ -1,10 +1,11 @@
-"""How small may a part be in the picture?
+"""How small, and how large, may a part be in the picture?
 
     python -m benchmarks.part_sizes metal_hard metal_dev own_checking --parts PARTS --split checking --record checking
 
-Each sequence is scaled down until the part's diameter appears as long as it is told here, in the middle frame: its
-length, times the focal length, over its distance. Forwards, from truth and from 5 degrees and 5 mm off, with defaults.
-Sequences whose part is smaller as they are do without.
+Each sequence is scaled until the part's diameter appears as long as it is told here, in the middle frame: its length,
+times the focal length, over its distance. Forwards, from truth and from 5 degrees and 5 mm off, with defaults. Where
+it is scaled up the picture holds nothing new, but has the px of a larger one; where the part is smaller as it is than
+the sizes to scale down to, it does without these.
 
 A frame counts when at least 30% of the part is visible. Said: how likely the tracker calls its poses right, quality
 times exactness. PARTS holds prepared parts, or one folder of them per data set.
@@ -37,7 +38,7 @@ from benchmarks import measured  # noqa: E402
 from benchmarks.robustness import SPLITS, is_in_split  # noqa: E402
 from benchmarks.runs import LOST, STARTS, part_name, prepared_part_of, readable_frames, visible_frames  # noqa: E402
 
-SIZES_PX = (120, 90, 70, 50, 35)
+LARGE_PX, SMALL_PX = (900, 600, 400), (120, 90, 70, 50, 35)
 UNIT = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5% of the diameter, mean over runs",
     "lost": "runs in which ADD was ever above 30%",
@@ -80,14 +81,14 @@ def main() -> None:
                 runs += new
     groups = {
         (size, start): [r for r in runs if (r.size_px, r.start) == (size, start)]
-        for size in SIZES_PX
+        for size in LARGE_PX + SMALL_PX
         for start in ("truth", "5")
     }
     values = {f"{size} px, {start}": _row(members) for (size, start), members in groups.items() if members}
     for name, row in values.items():
         print(name, row)
     if args.record:
-        about = f"parts that are small in the picture; tracker {method.name}, forwards, parts for {args.split}"
+        about = f"parts that are small or large in the picture; tracker {method.name}, forwards, parts for {args.split}"
         names = ", ".join(root.name for root in args.datasets)
         measured.record(f"part_sizes.{args.record}", about, UNIT, names, values)
 
@@ -103,19 +104,17 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[SizedRun]:
     frames = frames[next(number for number, frame in enumerate(frames) if counts[frame.index]) :]
     middle = frames[len(frames) // 2]
     now_px = appears_px(model.part, middle.camera, truths[middle.index])
-    for size_px in SIZES_PX:
-        if size_px > now_px:
-            continue
-        smaller = [scaled(frame, size_px / now_px) for frame in frames]
+    for size_px in (*LARGE_PX, *(size for size in SMALL_PX if size <= now_px)):
         for start in ("truth", "5"):
             rng = np.random.default_rng([0, scene.scene_id, object_id])
             pose = disturb_pose(truths[frames[0].index], model.part.box_centre, *STARTS[start], rng)
             tracker, errors, said = Tracker(model, method), list[float](), list[float]()
-            for number, frame in enumerate(smaller):
+            for number, taken in enumerate(frames):
+                frame = scaled(taken, size_px / now_px)
                 try:
                     result = tracker.track(frame) if number else tracker.start(frame, pose)
                 except TrackingError:  # the start is refused
-                    count = sum(counts[frame.index] for frame in smaller[1:])
+                    count = sum(counts[one.index] for one in frames[1:])
                     errors, said = [np.inf] * count, [0.0] * count
                     break
                 if number and counts[frame.index]:
@@ -125,9 +124,10 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[SizedRun]:
 
 
 def scaled(frame: Frame, scale: float) -> Frame:
-    """A frame with `scale` times as many pixels in each direction, at most 1: each is the mean of what it covers."""
+    """A frame with `scale` times as many pixels in each direction, means of what they cover or values in between."""
     size = round(scale * frame.camera.width), round(scale * frame.camera.height)
-    image = np.asarray(cv2.resize(frame.image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    interpolation = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    image = np.asarray(cv2.resize(frame.image, size, interpolation=interpolation), np.uint8)
     return replace(frame, image=image, camera=frame.camera.resized(*size))
 
 

@@ -22,7 +22,7 @@ from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.imaging.edge_search import AS_THEY_ARE, image_patch, search_along_normals
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, appears_px
+from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, MagnifyingGlass, appears_px
 from acp_lab.tracking.schedule import PixelSchedule
 
 MOST_POINTS = 800
@@ -156,9 +156,10 @@ class PartObserver:
 
     def reach_px(self, camera: Camera, cam_T_obj: FloatArray) -> int:
         """How far `acp`'s first level searches, in px of the frame; less for a part that appears small."""
+        glass = MagnifyingGlass(USUAL_MAGNIFICATION)
         size_px = appears_px(self.part, camera, cam_T_obj)
-        times = USUAL_MAGNIFICATION.times(size_px)
-        return round(PixelSchedule().at(times * size_px)[0].reach_px / times)
+        glass.choose(size_px)
+        return round(PixelSchedule().at(glass.times * size_px)[0].reach_px / glass.times)
 
     def leap_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:
         """How far a part may have gone that was not found, px of the frame: five times a first level's reach."""

@@ -1,13 +1,14 @@
-"""Small parts are looked at through a magnifying glass.
+"""Small parts are looked at through a magnifying glass, large ones from farther away.
 
 A method's lengths in px (how wide it searches, how it smooths, how its levels narrow) suit a part that appears some
 two hundred px long. Of a smaller one, neighbouring edges fall within each other's reach, and the search, which reads
-whole pixels, rounds by much of what it measures. So the image around a small part is enlarged before it is looked at,
-by a whole number of times, and what is reported is in px of the frame again. (Not in the paper, which shows its parts
-large.)
+whole pixels, rounds by much of what it measures. A larger one leaves that reach from frame to frame, and its edges are
+blurred over more px than a search looks for. So the image around a small part is enlarged before it is looked at, by a
+whole number of times, that around a large one is halved until it fits, and what is reported is in px of the frame
+again. (Not in the paper, whose parts are all of about one size.)
 
 Nothing is seen that the frame does not hold: cubic interpolation (Keys, Cubic convolution interpolation for digital
-image processing, 1981) draws the same light with more pixels.
+image processing, 1981) draws the same light with more pixels, and a mean of four keeps it.
 """
 
 from __future__ import annotations
@@ -30,25 +31,31 @@ from acp_lab.tracking.result import TargetView, TrackStep
 
 # A part that comes and goes about the limit keeps its glass: what is remembered of its edges is of one size.
 _KEEP_BELOW, _KEEP_ABOVE = 0.75, 2.0
+_KEEP_FROM, _KEEP_TO = 0.375, 4.0 / 3.0
+# A part this large fills the largest images, or is all around the camera.
+_MOST_HALVINGS = 4
 # Around what is looked at, for the interpolation.
 _RIM_PX = 3
 
 
 @dataclass(frozen=True)
 class Magnification:
-    """Configuration: which parts are magnified, and how much.
+    """Configuration: which parts are magnified, and how much, and which are halved.
 
     Attributes:
         below_px: parts are magnified whose diameter, at their distance, appears shorter when they are first seen, or
             shorter than three quarters of it later.
         wanted_px: a part appears at least as long when it is first magnified, as far as `most` allows.
         most: times that a part is magnified at most.
+        above_px: a part that appears longer when it is first seen, or longer than four thirds of it later, is halved
+            until it does not.
     """
 
     kind: ClassVar[str] = "cubic"
     below_px: float = 120.0
     wanted_px: float = 165.0
     most: int = 4
+    above_px: float = 360.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.below_px <= self.wanted_px <= 1000.0:
@@ -58,12 +65,20 @@ class Magnification:
             )
         if not (isinstance(self.most, int) and 1 <= self.most <= 8):
             raise TrackingError(f"magnification.most = {self.most}: give a whole number from 1 to 8")
+        if not 2.0 * self.wanted_px <= self.above_px <= 1e6:
+            raise TrackingError(
+                f"magnification.above_px = {self.above_px:g}: give px from twice wanted_px on, up to 1e6 for never"
+            )
 
     def times(self, size_px: float) -> int:
         """How many times a part is magnified that appears `size_px` long."""
         if size_px >= self.below_px:
             return 1
         return min(max(math.ceil(self.wanted_px / max(size_px, 1e-6)), 1), self.most)
+
+    def halvings(self, size_px: float) -> int:
+        """How often the image is halved around a part that appears `size_px` long."""
+        return next((count for count in range(_MOST_HALVINGS) if size_px <= 2**count * self.above_px), _MOST_HALVINGS)
 
 
 USUAL_MAGNIFICATION = Magnification()
@@ -77,7 +92,10 @@ def appears_px(part: Part, camera: Camera, cam_T_obj: FloatArray) -> float:
 
 
 class MagnifyingGlass:
-    """How a part is magnified from frame to frame. times: how many times, a whole number; 1 without a glass."""
+    """How a part is magnified from frame to frame.
+
+    times: how many times, a whole number, or 1/2, 1/4 and so on where it is halved; 1 without a glass.
+    """
 
     def __init__(self, config: Magnification | None) -> None:
         self._config = config
@@ -87,30 +105,43 @@ class MagnifyingGlass:
     def of(cls, times: int) -> MagnifyingGlass:
         """One that magnifies so many times, whatever it is held before."""
         glass = cls(None)
-        glass.times = times
+        glass.times = float(times)
         return glass
 
     def put_away(self) -> None:
         """Before a new track."""
-        self.times, self._in_use = 1, False
+        self.times, self._in_use = 1.0, False
 
     def choose(self, size_px: float) -> None:
         """For a part that appears `size_px` long, in px of the frame; the one in use serves as long as it can."""
         config, shown_px = self._config, self.times * size_px
         if config is None:
             return
-        too_large = self.times > 1 and shown_px > _KEEP_ABOVE * config.wanted_px
-        if not self._in_use or too_large or shown_px < _KEEP_BELOW * config.below_px:
-            self.times, self._in_use = config.times(size_px), True
+        if self.times > 1:
+            serves = _KEEP_BELOW * config.below_px <= shown_px <= _KEEP_ABOVE * config.wanted_px
+        else:
+            least_px = _KEEP_BELOW * config.below_px if self.times == 1 else _KEEP_FROM * config.above_px
+            serves = least_px <= shown_px <= _KEEP_TO * config.above_px
+        if not (self._in_use and serves):
+            self.times, self._in_use = config.times(size_px) * 0.5 ** config.halvings(size_px), True
+
+    @property
+    def _halvings(self) -> int:
+        return max(round(-math.log2(self.times)), 0)
 
     def camera(self, camera: Camera) -> Camera:
         """The camera of the magnified image."""
-        times = self.times
-        return camera if times == 1 else camera.resized(times * camera.width, times * camera.height)
+        if self.times > 1:
+            return camera.resized(round(self.times * camera.width), round(self.times * camera.height))
+        for _ in range(self._halvings):
+            camera = camera.halved()
+        return camera
 
     def image(self, image: ByteImage, box: tuple[int, int, int, int]) -> ByteImage:
         """An image (h, w, 3), magnified inside a box (x0, y0, x1, y1) px of the magnified one; black elsewhere."""
-        times = self.times
+        if self.times < 1:
+            return _halved(image, box, self._halvings)
+        times = round(self.times)
         if times == 1:
             return image
         height, width = image.shape[:2]
@@ -155,6 +186,22 @@ class MagnifyingGlass:
         if self.times == 1:
             return target
         (x, y), (width, height), times = target.origin, target.size, self.times
-        origin = x // times, y // times
-        size = -(-(x + width) // times) - origin[0], -(-(y + height) // times) - origin[1]
+        origin = int(x // times), int(y // times)
+        size = math.ceil((x + width) / times) - origin[0], math.ceil((y + height) / times) - origin[1]
         return TargetView(self.points(target.edge_points), origin, size)
+
+
+def _halved(image: ByteImage, box: tuple[int, int, int, int], halvings: int) -> ByteImage:
+    """An image (h, w, 3) halved so often, inside a box (x0, y0, x1, y1) px of the halved one; black elsewhere."""
+    times = 2**halvings
+    height, width = image.shape[0] // times, image.shape[1] // times
+    x0, y0 = (min(max(low, 0), most) for low, most in zip(box[:2], (width, height), strict=True))
+    x1, y1 = (min(high, most) for high, most in zip(box[2:], (width, height), strict=True))
+    found = np.zeros((height, width, 3), np.uint8)
+    if x0 < x1 and y0 < y1:
+        part = image[y0 * times : y1 * times, x0 * times : x1 * times]
+        for _ in range(halvings):  # by two it is several times faster than by four at once
+            size = part.shape[1] // 2, part.shape[0] // 2
+            part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
+        found[y0:y1, x0:x1] = part
+    return found

@@ -33,8 +33,11 @@ class PictureMemory:
         picture = take_picture(frame, self._corners_obj, cam_T_obj, self._config)
         self.kept = None if picture is None else (picture, cam_T_obj, frame.camera)
 
-    def correct(self, predictor: Predictor, frame: Frame) -> None:
-        """Tell the predictor where in the frame the picture is, unless that says nothing new."""
+    def correct(self, predictor: Predictor, frame: Frame, px: float = 1.0) -> None:
+        """Tell the predictor where in the frame the picture is, unless that says nothing new.
+
+        px: so many px of the frame are one of those that edges are seen in; more than 1 for a part that is halved.
+        """
         if self.kept is None:
             return
         config, (picture, pose, camera) = self._config, self.kept
@@ -45,5 +48,5 @@ class PictureMemory:
         if not np.isfinite(before_px + expected_px).all():
             return
         shift_px = picture.shift_in(frame.image, expected_px - before_px, config)
-        if shift_px is not None and np.linalg.norm(before_px + shift_px - expected_px) > config.least_px:
-            predictor.sight(frame.camera, before_px + shift_px, config.scatter_px, config.doubt)
+        if shift_px is not None and np.linalg.norm(before_px + shift_px - expected_px) > px * config.least_px:
+            predictor.sight(frame.camera, before_px + shift_px, px * config.scatter_px, config.doubt)

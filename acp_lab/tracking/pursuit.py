@@ -195,7 +195,7 @@ class Pursuit:
             return False
         clock.lap()
         before = self.predicted
-        self.picture_memory.correct(self.predictor, frame)
+        self.picture_memory.correct(self.predictor, frame, max(1.0 / self.solver.glass.times, 1.0))
         clock.image_s += clock.lap()
         return self.predicted is not before
 

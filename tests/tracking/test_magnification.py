@@ -1,4 +1,4 @@
-"""Small parts through a magnifying glass: how much, that px are those of the frame, and what it gains."""
+"""Small parts through a magnifying glass, large ones halved: how much, whose px results are in, what it gains."""
 
 from __future__ import annotations
 
@@ -32,9 +32,16 @@ CONFIG = Magnification()
 MAGNIFIED = replace(AS_DRAWN, magnification=CONFIG)
 
 
-def glass(times: int) -> MagnifyingGlass:
+def glass(times: float) -> MagnifyingGlass:
     found = MagnifyingGlass(CONFIG)
     found.times = times
+    return found
+
+
+def first_glass(size_px: float) -> MagnifyingGlass:
+    """The one for a part that is first seen `size_px` long."""
+    found = MagnifyingGlass(CONFIG)
+    found.choose(size_px)
     return found
 
 
@@ -64,6 +71,62 @@ def test_a_glass_is_kept_while_it_serves() -> None:
     without = MagnifyingGlass(None)
     without.choose(10.0)
     assert without.times == 1
+
+
+def test_a_part_all_around_the_camera_is_not_halved_to_nothing() -> None:
+    assert CONFIG.halvings(float("inf")) == 4
+
+
+@given(st.floats(1.0, 5760.0))
+def test_a_large_part_is_halved_until_it_is_no_longer_large(size_px: float) -> None:
+    halvings, shown_px = CONFIG.halvings(size_px), first_glass(size_px).times * size_px
+    if size_px <= CONFIG.above_px:
+        assert halvings == 0
+    else:
+        assert first_glass(size_px).times == 0.5**halvings
+        assert 0.499 * CONFIG.above_px < shown_px <= 1.001 * CONFIG.above_px
+        assert CONFIG.times(shown_px) == 1, "and then not magnified"
+
+
+def test_a_large_part_is_halved_anew_only_when_it_fits_no_longer() -> None:
+    used, seen = MagnifyingGlass(CONFIG), []
+    for size_px in (340.0, 400.0, 470.0, 500.0, 400.0, 300.0, 260.0, 400.0, 1000.0, 500.0, 100.0, 80.0, 1500.0):
+        used.choose(size_px)
+        seen.append(used.times)
+    assert seen == [1, 1, 1, 0.5, 0.5, 0.5, 1, 1, 0.25, 0.5, 2, 2, 0.125]
+
+
+@pytest.mark.parametrize("times", [0.5, 0.25])
+def test_px_of_the_halved_image_are_px_of_the_frame_again(times: float, rng: np.random.Generator) -> None:
+    used, points_cam = glass(times), rng.uniform((-40, -30, 250), (40, 30, 350), (50, 3))
+    camera = replace(CAMERA, width=CAMERA.width + 3, height=CAMERA.height + 1)  # the last odd ones are left out
+    small = used.camera(camera)
+    assert (small.width, small.height) == (int(times * camera.width), int(times * camera.height))
+    seen, halved = camera.project(points_cam), small.project(points_cam)
+    np.testing.assert_allclose(used.points(halved), seen, atol=1e-9)
+    np.testing.assert_allclose(used.lengths(halved[:, 0] - halved[0, 0]), seen[:, 0] - seen[0, 0], atol=1e-9)
+    target = used.target(TargetView(halved, (20, 10), (9, 6)))
+    per = round(1.0 / times)
+    assert (target.origin, target.size) == ((20 * per, 10 * per), (9 * per, 6 * per))
+
+
+@pytest.mark.parametrize("times", [0.5, 0.25])
+@pytest.mark.parametrize("with_rest", [False, True])
+def test_a_pixel_of_the_halved_image_is_the_mean_of_what_it_covers(
+    times: float, with_rest: bool, rng: np.random.Generator
+) -> None:
+    per = round(1.0 / times)
+    beside = per - 1 if with_rest else 0
+    image = rng.integers(0, 256, (40 * per + beside, 60 * per + beside, 3)).astype(np.uint8)
+    blocks = image[: 40 * per, : 60 * per].reshape(40, per, 60, per, 3).mean((1, 3))
+    halved = glass(times).image(image, (10, 5, 30, 25))
+    assert halved.shape == (40, 60, 3)
+    np.testing.assert_allclose(halved[5:25, 10:30], blocks[5:25, 10:30], atol=1.01)  # each halving rounds
+    halved[5:25, 10:30] = 0
+    assert not halved.any(), "elsewhere nothing is drawn"
+    np.testing.assert_allclose(glass(times).image(image, (-9, -9, 999, 999)), blocks, atol=1.01)
+    for outside in ((-90, -90, -50, -50), (60, 0, 90, 40), (0, 90, 60, 99)):
+        assert not glass(times).image(image, outside).any()
 
 
 @pytest.mark.parametrize("times", [1, 2, 3])
@@ -114,6 +177,9 @@ def test_the_magnified_image_shows_what_the_frame_shows_where_the_camera_says(ti
         ({"most": 0}, "most = 0"),
         ({"most": 100}, "most = 100"),
         ({"most": 2.5}, "most = 2.5"),
+        ({"above_px": 300.0}, "above_px = 300: give px from twice wanted_px on"),
+        ({"above_px": float("nan")}, "above_px = nan"),
+        ({"above_px": float("inf")}, "above_px = inf"),
     ],
 )
 def test_settings_that_magnify_nothing_are_refused(config: dict[str, float], words: str) -> None:
@@ -153,6 +219,51 @@ def test_a_small_part_of_metal_is_nearer_through_a_glass() -> None:
     assert sorted(errors) == [1, 3]
     assert max(errors[3]) < 0.01
     assert np.median(errors[3]) < 0.5 * np.median(errors[1])
+
+
+def test_a_large_part_of_metal_is_nearer_from_farther_away() -> None:
+    """It leaves the reach of a search from frame to frame, and its edges are blurred over more px than that expects."""
+    scene, model = sample_scene(), sample_model()
+    metric, errors = PartMetric(model.part), {}
+    for method in (ACP, replace(ACP, magnification=Off())):
+        tracker, found = Tracker(model, method), []
+        for number in range(0, 24, 4):
+            frame, truth = scene.frame(number), scene.truth(number, 1)
+            assert isinstance(frame, Frame)
+            assert truth is not None
+            large = scaled(frame, 4.0)  # about 880 px
+            result = tracker.track(large) if number else tracker.start(large, truth)
+            found.append(metric.share(result.cam_T_obj, truth))
+        errors[tracker.solver.glass.times] = found
+    assert sorted(errors) == [0.25, 1]
+    assert max(errors[0.25]) < 0.006
+    assert np.median(errors[0.25]) < 0.6 * np.median(errors[1])
+
+
+def test_results_of_a_large_part_are_in_px_of_the_frame() -> None:
+    scene, model = sample_scene(), sample_model()
+    tracker, truth = Tracker(model), scene.truth(0, 1)
+    tracker.records_target = True
+    assert truth is not None
+    frames = [scaled(frame, 3.0) for frame in scene.frames(2) if isinstance(frame, Frame)]
+    tracker.start(frames[0], truth)
+    result = tracker.track(frames[1])
+    assert tracker.solver.glass.times == 0.5
+    camera, points_obj = frames[1].camera, tracker.control_points_obj[result.region]
+    at = camera.project(transform(result.cam_T_obj, points_obj))
+    np.testing.assert_allclose(result.control_points, at, atol=1e-6)
+    assert result.edges is not None
+    assert result.residuals_px is not None
+    assert result.target is not None
+    samples = model.edges.points_obj[result.edges.sample_ids]
+    np.testing.assert_allclose(result.edges.points, camera.project(transform(result.cam_T_obj, samples)), atol=1e-6)
+    (x, y), (width, height) = result.target.origin, result.target.size
+    inside = (result.edges.points > (x, y)) & (result.edges.points < (x + width, y + height))
+    assert inside.all()
+    found = np.isfinite(result.residuals_px)
+    there = result.edges.points + result.residuals_px[:, None] * result.edges.normals
+    nearest = np.linalg.norm(there[found][:, None] - result.target.edge_points[None], axis=2).min(1)
+    assert np.median(nearest) < 2.0
 
 
 def test_results_are_in_px_of_the_frame(model: PreparedPart, small: MadeSequence) -> None:

@@ -33,11 +33,11 @@ def centre_px(pose: FloatArray) -> FloatArray:
     return CAMERA.project(transform(pose, PART.box_centre[None]))[0]
 
 
-def corrected(memory: PictureMemory, later: Frame) -> FloatArray:
+def corrected(memory: PictureMemory, later: Frame, px: float = 1.0) -> FloatArray:
     """(2,) px: by how much the picture moved the prediction of a part that rested."""
     predictor = ACP.prediction.predictor(PART.box_centre)
     predictor.restart(POSE)
-    memory.correct(predictor, later)
+    memory.correct(predictor, later, px)
     return centre_px(predictor.predict()) - centre_px(POSE)
 
 
@@ -56,3 +56,14 @@ def test_the_prediction_goes_where_the_picture_went(scene: ByteImage) -> None:
     np.testing.assert_array_equal(corrected(memory, zoomed), 0.0, "another camera")
     memory.forget()
     np.testing.assert_array_equal(corrected(memory, later), 0.0)
+
+
+def test_where_edges_are_seen_in_larger_px_the_picture_is_less_exact(scene: ByteImage) -> None:
+    memory = PictureMemory(PART, PictureSearch())
+    into = np.array([[1.0, 0.0, 16.0], [0.0, 1.0, 0.0]])
+    size = CAMERA.width, CAMERA.height
+    later = Frame(1, np.asarray(cv2.warpAffine(scene, into, size), np.uint8), CAMERA)
+    memory.take(Frame(0, scene, CAMERA), POSE)
+    went = [corrected(memory, later, px)[0] for px in (1.0, 2.0, 3.0)]
+    assert went[0] > 1.1 * went[1] > 0.0
+    assert went[2] == 0.0, "edges see that better"

@@ -104,8 +104,10 @@ def test_every_reach_has_its_turn() -> None:
     assert {25.0, 40.0, 180.0, None} == set(finder.asked)
 
 
-def test_a_search_nearby_looks_less_far_around_a_part_that_is_magnified() -> None:
-    margins = [NEAR.of(ANYWHERE, size_px).around_px for size_px in (np.inf, 130.0, 90.0, 50.0)]
+def test_a_search_nearby_looks_less_far_around_a_part_that_is_magnified_and_farther_around_a_large_one() -> None:
+    assert [NEAR.of(ANYWHERE, size_px).around_px for size_px in (500.0, 1400.0)] == [160.0, 320.0]
+    margins = [NEAR.of(ANYWHERE, size_px).around_px for size_px in (300.0, 130.0, 90.0, 50.0)]
+    assert NEAR.of(ANYWHERE).around_px == NEAR.around_px
     assert margins[0] == margins[1] == NEAR.around_px
     # In px of the magnified image it is more all the same.
     assert margins[2:] == pytest.approx([80.0 / 2**0.5, 80.0 / 4**0.5])
