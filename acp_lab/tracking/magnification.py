@@ -5,7 +5,7 @@ two hundred px long. Of a smaller one, neighbouring edges fall within each other
 whole pixels, rounds by much of what it measures. A larger one leaves that reach from frame to frame, and its edges are
 blurred over more px than a search looks for. So the image around a small part is enlarged before it is looked at, by a
 whole number of times, that around a large one is halved until it fits, and what is reported is in px of the frame
-again. (Not in the paper, whose parts are all of about one size.)
+again. (Not in the paper, whose one length is a share of the part.)
 
 Nothing is seen that the frame does not hold: cubic interpolation (Keys, Cubic convolution interpolation for digital
 image processing, 1981) draws the same light with more pixels, and a mean of four keeps it.
@@ -102,10 +102,10 @@ class MagnifyingGlass:
         self.put_away()
 
     @classmethod
-    def of(cls, times: int) -> MagnifyingGlass:
+    def of(cls, times: float) -> MagnifyingGlass:
         """One that magnifies so many times, whatever it is held before."""
         glass = cls(None)
-        glass.times = float(times)
+        glass.times = times
         return glass
 
     def put_away(self) -> None:
@@ -131,6 +131,8 @@ class MagnifyingGlass:
 
     def camera(self, camera: Camera) -> Camera:
         """The camera of the magnified image."""
+        if self.times == 1:
+            return camera
         if self.times > 1:
             return camera.resized(round(self.times * camera.width), round(self.times * camera.height))
         for _ in range(self._halvings):
