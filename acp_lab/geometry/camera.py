@@ -185,10 +185,17 @@ class Camera:
             raise GeometryError("distorted camera cannot be cropped: undistort the image, use camera.pinhole()")
         return Camera(width, height, self.fx, self.fy, self.cx - x, self.cy - y)
 
+    def shrunk(self, times: int) -> Camera:
+        """The camera of the image whose pixels are the means of `times` squared ones, without what is left at its end.
+
+        times: a whole number; its pinhole part only.
+        """
+        centre = (self.cx + 0.5) / times - 0.5, (self.cy + 0.5) / times - 0.5
+        return Camera(self.width // times, self.height // times, self.fx / times, self.fy / times, *centre)
+
     def halved(self) -> Camera:
-        """The camera of the image at half its size, each pixel the mean of four, without a last odd row or column."""
-        fx, fy, cx, cy = 0.5 * self.fx, 0.5 * self.fy, 0.5 * self.cx - 0.25, 0.5 * self.cy - 0.25
-        return Camera(self.width // 2, self.height // 2, fx, fy, cx, cy)
+        """The same with `times` 2."""
+        return self.shrunk(2)
 
     def resized(self, width: int, height: int) -> Camera:
         """The camera of the image drawn with other numbers of pixels (px); its pinhole part only."""

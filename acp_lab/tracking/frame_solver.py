@@ -24,7 +24,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.edge_breaks import BrokenEdges, into_material
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView, crop_box
 from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge
-from acp_lab.tracking.magnification import MagnifyingGlass
+from acp_lab.tracking.magnification import MagnifyingGlass, appears_px
 from acp_lab.tracking.method import Method, Schedule
 from acp_lab.tracking.motions import Motion
 from acp_lab.tracking.pose_descent import pose_level
@@ -81,9 +81,8 @@ class FrameSolver:
 
     def magnify(self, camera: Camera, cam_T_obj: FloatArray) -> None:
         """Choose the glass for a frame whose part is expected at a pose (4, 4)."""
-        depth = float(transform(cam_T_obj, self.part.box_centre)[2])
-        if depth > 0.0:
-            self.glass.choose(self.part.diameter * camera.fx / depth)
+        if transform(cam_T_obj, self.part.box_centre)[2] > 0.0:
+            self.glass.choose(appears_px(self.part, camera, cam_T_obj))
 
     def natural_region(self, cam_T_obj: FloatArray) -> int:
         """The view region 0..5 that a pose (4, 4) is in, prepared or not."""

@@ -4,11 +4,11 @@ A method's lengths in px (how wide it searches, how it smooths, how its levels n
 two hundred px long. Of a smaller one, neighbouring edges fall within each other's reach, and the search, which reads
 whole pixels, rounds by much of what it measures. A larger one leaves that reach from frame to frame, and its edges are
 blurred over more px than a search looks for. So the image around a small part is enlarged before it is looked at, by a
-whole number of times, that around a large one is halved until it fits, and what is reported is in px of the frame
-again. (Not in the paper, whose one length is a share of the part.)
+whole number of times, that around a large one is made smaller, and what is reported is in px of the frame again. (Not
+in the paper, whose one length is a share of the part.)
 
 Nothing is seen that the frame does not hold: cubic interpolation (Keys, Cubic convolution interpolation for digital
-image processing, 1981) draws the same light with more pixels, and a mean of four keeps it.
+image processing, 1981) draws the same light with more pixels, and the mean of several keeps it.
 """
 
 from __future__ import annotations
@@ -31,24 +31,25 @@ from acp_lab.tracking.result import TargetView, TrackStep
 
 # A part that comes and goes about the limit keeps its glass: what is remembered of its edges is of one size.
 _KEEP_BELOW, _KEEP_ABOVE = 0.75, 2.0
-_KEEP_FROM, _KEEP_TO = 0.375, 4.0 / 3.0
-# A part this large fills the largest images, or is all around the camera.
-_MOST_HALVINGS = 4
+_KEEP_LARGE, _KEEP_FROM, _KEEP_TO = 4.0 / 3.0, 0.625, 1.6
+# A part that is larger fills the largest images, or is all around the camera.
+_MOST_SMALLER = 32
 # Around what is looked at, for the interpolation.
 _RIM_PX = 3
 
 
 @dataclass(frozen=True)
 class Magnification:
-    """Configuration: which parts are magnified, and how much, and which are halved.
+    """Configuration: which parts are magnified or made smaller, and how much.
 
     Attributes:
         below_px: parts are magnified whose diameter, at their distance, appears shorter when they are first seen, or
             shorter than three quarters of it later.
         wanted_px: a part appears at least as long when it is first magnified, as far as `most` allows.
         most: times that a part is magnified at most.
-        above_px: a part that appears longer when it is first seen, or longer than four thirds of it later, is halved
-            until it does not.
+        above_px: parts are made smaller that appear longer when they are first seen, or longer than four thirds of it
+            later.
+        large_px: how long such a part then appears, as nearly as a whole number of times allows.
     """
 
     kind: ClassVar[str] = "cubic"
@@ -56,6 +57,7 @@ class Magnification:
     wanted_px: float = 165.0
     most: int = 4
     above_px: float = 360.0
+    large_px: float = 210.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.below_px <= self.wanted_px <= 1000.0:
@@ -65,9 +67,10 @@ class Magnification:
             )
         if not (isinstance(self.most, int) and 1 <= self.most <= 8):
             raise TrackingError(f"magnification.most = {self.most}: give a whole number from 1 to 8")
-        if not 2.0 * self.wanted_px <= self.above_px <= 1e6:
+        if not self.wanted_px <= self.large_px <= 0.6 * self.above_px <= 1e6:
             raise TrackingError(
-                f"magnification.above_px = {self.above_px:g}: give px from twice wanted_px on, up to 1e6 for never"
+                f"magnification.large_px = {self.large_px:g}, above_px = {self.above_px:g}: give px, the first no less "
+                "than wanted_px and at most 0.6 of the second, that up to a million, for never"
             )
 
     def times(self, size_px: float) -> int:
@@ -76,9 +79,11 @@ class Magnification:
             return 1
         return min(max(math.ceil(self.wanted_px / max(size_px, 1e-6)), 1), self.most)
 
-    def halvings(self, size_px: float) -> int:
-        """How often the image is halved around a part that appears `size_px` long."""
-        return next((count for count in range(_MOST_HALVINGS) if size_px <= 2**count * self.above_px), _MOST_HALVINGS)
+    def times_smaller(self, size_px: float) -> int:
+        """How many times smaller a part is made that appears `size_px` long."""
+        if size_px <= self.above_px:
+            return 1
+        return round(min(size_px / self.large_px, _MOST_SMALLER))
 
 
 USUAL_MAGNIFICATION = Magnification()
@@ -94,7 +99,7 @@ def appears_px(part: Part, camera: Camera, cam_T_obj: FloatArray) -> float:
 class MagnifyingGlass:
     """How a part is magnified from frame to frame.
 
-    times: how many times, a whole number, or 1/2, 1/4 and so on where it is halved; 1 without a glass.
+    times: how many times, a whole number, or 1/2, 1/3 and so on where it is made smaller; 1 without a glass.
     """
 
     def __init__(self, config: Magnification | None) -> None:
@@ -119,30 +124,30 @@ class MagnifyingGlass:
             return
         if self.times > 1:
             serves = _KEEP_BELOW * config.below_px <= shown_px <= _KEEP_ABOVE * config.wanted_px
+        elif self.times == 1:
+            serves = _KEEP_BELOW * config.below_px <= shown_px <= _KEEP_LARGE * config.above_px
         else:
-            least_px = _KEEP_BELOW * config.below_px if self.times == 1 else _KEEP_FROM * config.above_px
-            serves = least_px <= shown_px <= _KEEP_TO * config.above_px
+            serves = _KEEP_FROM * config.large_px <= shown_px <= _KEEP_TO * config.large_px
         if not (self._in_use and serves):
-            self.times, self._in_use = config.times(size_px) * 0.5 ** config.halvings(size_px), True
+            self.times, self._in_use = config.times(size_px) / config.times_smaller(size_px), True
 
     @property
-    def _halvings(self) -> int:
-        return max(round(-math.log2(self.times)), 0)
+    def _times_smaller(self) -> int:
+        return max(round(1.0 / self.times), 1)
 
     def camera(self, camera: Camera) -> Camera:
         """The camera of the magnified image."""
         if self.times == 1:
             return camera
-        if self.times > 1:
-            return camera.resized(round(self.times * camera.width), round(self.times * camera.height))
-        for _ in range(self._halvings):
-            camera = camera.halved()
-        return camera
+        if self.times < 1:
+            return camera.shrunk(self._times_smaller)
+        times = round(self.times)
+        return camera.resized(times * camera.width, times * camera.height)
 
     def image(self, image: ByteImage, box: tuple[int, int, int, int]) -> ByteImage:
         """An image (h, w, 3), magnified inside a box (x0, y0, x1, y1) px of the magnified one; black elsewhere."""
         if self.times < 1:
-            return _halved(image, box, self._halvings)
+            return _shrunk(image, box, self._times_smaller)
         times = round(self.times)
         if times == 1:
             return image
@@ -187,23 +192,26 @@ class MagnifyingGlass:
         """What was found in the magnified image, in px of the frame; it has no distance map there."""
         if self.times == 1:
             return target
-        (x, y), (width, height), times = target.origin, target.size, self.times
-        origin = int(x // times), int(y // times)
-        size = math.ceil((x + width) / times) - origin[0], math.ceil((y + height) / times) - origin[1]
+        (x, y), (width, height) = target.origin, target.size
+        if self.times < 1:
+            per = self._times_smaller
+            return TargetView(self.points(target.edge_points), (per * x, per * y), (per * width, per * height))
+        times = round(self.times)
+        origin = x // times, y // times
+        size = -(-(x + width) // times) - origin[0], -(-(y + height) // times) - origin[1]
         return TargetView(self.points(target.edge_points), origin, size)
 
 
-def _halved(image: ByteImage, box: tuple[int, int, int, int], halvings: int) -> ByteImage:
-    """An image (h, w, 3) halved so often, inside a box (x0, y0, x1, y1) px of the halved one; black elsewhere."""
-    times = 2**halvings
+def _shrunk(image: ByteImage, box: tuple[int, int, int, int], times: int) -> ByteImage:
+    """An image (h, w, 3) made so many times smaller, inside a box (x0, y0, x1, y1) px of that; black elsewhere."""
     height, width = image.shape[0] // times, image.shape[1] // times
     x0, y0 = (min(max(low, 0), most) for low, most in zip(box[:2], (width, height), strict=True))
     x1, y1 = (min(high, most) for high, most in zip(box[2:], (width, height), strict=True))
     found = np.zeros((height, width, 3), np.uint8)
     if x0 < x1 and y0 < y1:
         part = image[y0 * times : y1 * times, x0 * times : x1 * times]
-        for _ in range(halvings):  # by two it is several times faster than by four at once
-            size = part.shape[1] // 2, part.shape[0] // 2
-            part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
-        found[y0:y1, x0:x1] = part
+        while times % 2 == 0 and times > 2:  # by two and by two is several times faster than by four
+            half = part.shape[1] // 2, part.shape[0] // 2
+            part, times = np.asarray(cv2.resize(part, half, interpolation=cv2.INTER_AREA), np.uint8), times // 2
+        found[y0:y1, x0:x1] = cv2.resize(part, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
     return found

@@ -36,7 +36,7 @@ class PictureMemory:
     def correct(self, predictor: Predictor, frame: Frame, px: float = 1.0) -> None:
         """Tell the predictor where in the frame the picture is, unless that says nothing new.
 
-        px: so many px of the frame are one of those that edges are seen in; more than 1 for a part that is halved.
+        px: so many px of the frame are one of those that edges are seen in; more than 1 for a large part.
         """
         if self.kept is None:
             return

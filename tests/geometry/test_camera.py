@@ -134,6 +134,14 @@ def test_halved_keeps_what_is_seen_where(camera: Camera) -> None:
     assert half.project(rays) == pytest.approx(np.array([[0.0, 0.0], [100.0, 50.5]]))
 
 
+def test_shrunk_keeps_what_is_seen_where(camera: Camera) -> None:
+    """The middle pixel of nine falls on the middle of the one that they become."""
+    small = camera.shrunk(3)
+    assert (small.width, small.height) == (camera.width // 3, camera.height // 3)
+    rays = camera.rays(np.array([[1.0, 1.0], [301.0, 151.0]]))
+    assert small.project(rays) == pytest.approx(np.array([[0.0, 0.0], [100.0, 50.0]]))
+
+
 def test_a_distorted_camera_is_not_cropped(distorted_camera: Camera) -> None:
     with pytest.raises(GeometryError, match="undistort"):
         distorted_camera.cropped(0, 0, 10, 10)

@@ -1,4 +1,4 @@
-"""Small parts through a magnifying glass, large ones halved: how much, whose px results are in, what it gains."""
+"""Small parts magnified, large ones made smaller: how much, whose px results are in, and what it gains."""
 
 from __future__ import annotations
 
@@ -73,60 +73,57 @@ def test_a_glass_is_kept_while_it_serves() -> None:
     assert without.times == 1
 
 
-def test_a_part_all_around_the_camera_is_not_halved_to_nothing() -> None:
-    assert CONFIG.halvings(float("inf")) == 4
-
-
-@given(st.floats(1.0, 5760.0))
-def test_a_large_part_is_halved_until_it_is_no_longer_large(size_px: float) -> None:
-    halvings, shown_px = CONFIG.halvings(size_px), first_glass(size_px).times * size_px
+@given(st.floats(1.0, 6000.0))
+def test_a_large_part_is_made_about_as_long_as_it_should_be(size_px: float) -> None:
+    used = first_glass(size_px)
     if size_px <= CONFIG.above_px:
-        assert halvings == 0
+        assert CONFIG.times_smaller(size_px) == 1
     else:
-        assert first_glass(size_px).times == 0.5**halvings
-        assert 0.499 * CONFIG.above_px < shown_px <= 1.001 * CONFIG.above_px
-        assert CONFIG.times(shown_px) == 1, "and then not magnified"
+        assert used.times == 1.0 / CONFIG.times_smaller(size_px)
+        assert 0.8 * CONFIG.large_px < used.times * size_px < 1.26 * CONFIG.large_px
 
 
-def test_a_large_part_is_halved_anew_only_when_it_fits_no_longer() -> None:
+def test_a_part_all_around_the_camera_is_not_made_smaller_without_end() -> None:
+    assert CONFIG.times_smaller(float("inf")) == 32
+
+
+def test_a_large_part_changes_its_size_only_when_it_fits_no_longer() -> None:
     used, seen = MagnifyingGlass(CONFIG), []
-    for size_px in (340.0, 400.0, 470.0, 500.0, 400.0, 300.0, 260.0, 400.0, 1000.0, 500.0, 100.0, 80.0, 1500.0):
+    for size_px in (340.0, 400.0, 470.0, 500.0, 600.0, 300.0, 260.0, 400.0, 1000.0, 500.0, 100.0, 80.0, 1500.0):
         used.choose(size_px)
         seen.append(used.times)
-    assert seen == [1, 1, 1, 0.5, 0.5, 0.5, 1, 1, 0.25, 0.5, 2, 2, 0.125]
+    assert seen == pytest.approx([1, 1, 1, 0.5, 0.5, 0.5, 1, 1, 0.2, 0.5, 2, 2, 1 / 7])
 
 
-@pytest.mark.parametrize("times", [0.5, 0.25])
-def test_px_of_the_halved_image_are_px_of_the_frame_again(times: float, rng: np.random.Generator) -> None:
-    used, points_cam = glass(times), rng.uniform((-40, -30, 250), (40, 30, 350), (50, 3))
-    camera = replace(CAMERA, width=CAMERA.width + 3, height=CAMERA.height + 1)  # the last odd ones are left out
+@pytest.mark.parametrize("times", [2, 3, 4])
+def test_px_of_the_smaller_image_are_px_of_the_frame_again(times: int, rng: np.random.Generator) -> None:
+    used, points_cam = glass(1.0 / times), rng.uniform((-40, -30, 250), (40, 30, 350), (50, 3))
+    camera = replace(CAMERA, width=CAMERA.width + 3, height=CAMERA.height + 1)  # what is left at the end is left out
     small = used.camera(camera)
-    assert (small.width, small.height) == (int(times * camera.width), int(times * camera.height))
-    seen, halved = camera.project(points_cam), small.project(points_cam)
-    np.testing.assert_allclose(used.points(halved), seen, atol=1e-9)
-    np.testing.assert_allclose(used.lengths(halved[:, 0] - halved[0, 0]), seen[:, 0] - seen[0, 0], atol=1e-9)
-    target = used.target(TargetView(halved, (20, 10), (9, 6)))
-    per = round(1.0 / times)
-    assert (target.origin, target.size) == ((20 * per, 10 * per), (9 * per, 6 * per))
+    assert (small.width, small.height) == (camera.width // times, camera.height // times)
+    seen, smaller = camera.project(points_cam), small.project(points_cam)
+    np.testing.assert_allclose(used.points(smaller), seen, atol=1e-9)
+    np.testing.assert_allclose(used.lengths(smaller[:, 0] - smaller[0, 0]), seen[:, 0] - seen[0, 0], atol=1e-9)
+    target = used.target(TargetView(smaller, (20, 10), (9, 6)))
+    assert (target.origin, target.size) == ((20 * times, 10 * times), (9 * times, 6 * times))
 
 
-@pytest.mark.parametrize("times", [0.5, 0.25])
+@pytest.mark.parametrize("times", [2, 3, 4, 6])
 @pytest.mark.parametrize("with_rest", [False, True])
-def test_a_pixel_of_the_halved_image_is_the_mean_of_what_it_covers(
-    times: float, with_rest: bool, rng: np.random.Generator
+def test_a_pixel_of_the_smaller_image_is_the_mean_of_what_it_covers(
+    times: int, with_rest: bool, rng: np.random.Generator
 ) -> None:
-    per = round(1.0 / times)
-    beside = per - 1 if with_rest else 0
-    image = rng.integers(0, 256, (40 * per + beside, 60 * per + beside, 3)).astype(np.uint8)
-    blocks = image[: 40 * per, : 60 * per].reshape(40, per, 60, per, 3).mean((1, 3))
-    halved = glass(times).image(image, (10, 5, 30, 25))
-    assert halved.shape == (40, 60, 3)
-    np.testing.assert_allclose(halved[5:25, 10:30], blocks[5:25, 10:30], atol=1.01)  # each halving rounds
-    halved[5:25, 10:30] = 0
-    assert not halved.any(), "elsewhere nothing is drawn"
-    np.testing.assert_allclose(glass(times).image(image, (-9, -9, 999, 999)), blocks, atol=1.01)
+    beside = times - 1 if with_rest else 0
+    image = rng.integers(0, 256, (40 * times + beside, 60 * times + beside, 3)).astype(np.uint8)
+    blocks = image[: 40 * times, : 60 * times].reshape(40, times, 60, times, 3).mean((1, 3))
+    small = glass(1.0 / times).image(image, (10, 5, 30, 25))
+    assert small.shape == (40, 60, 3)
+    np.testing.assert_allclose(small[5:25, 10:30], blocks[5:25, 10:30], atol=1.01)  # each step rounds
+    small[5:25, 10:30] = 0
+    assert not small.any(), "elsewhere nothing is drawn"
+    np.testing.assert_allclose(glass(1.0 / times).image(image, (-9, -9, 999, 999)), blocks, atol=1.01)
     for outside in ((-90, -90, -50, -50), (60, 0, 90, 40), (0, 90, 60, 99)):
-        assert not glass(times).image(image, outside).any()
+        assert not glass(1.0 / times).image(image, outside).any()
 
 
 @pytest.mark.parametrize("times", [1, 2, 3])
@@ -177,9 +174,10 @@ def test_the_magnified_image_shows_what_the_frame_shows_where_the_camera_says(ti
         ({"most": 0}, "most = 0"),
         ({"most": 100}, "most = 100"),
         ({"most": 2.5}, "most = 2.5"),
-        ({"above_px": 300.0}, "above_px = 300: give px from twice wanted_px on"),
-        ({"above_px": float("nan")}, "above_px = nan"),
-        ({"above_px": float("inf")}, "above_px = inf"),
+        ({"above_px": 300.0}, "large_px = 210, above_px = 300: give px"),
+        ({"large_px": 150.0}, "large_px = 150, above_px = 360: give px"),
+        ({"above_px": float("nan")}, "large_px = 210, above_px = nan"),
+        ({"above_px": float("inf")}, "large_px = 210, above_px = inf"),
     ],
 )
 def test_settings_that_magnify_nothing_are_refused(config: dict[str, float], words: str) -> None:
@@ -248,7 +246,7 @@ def test_results_of_a_large_part_are_in_px_of_the_frame() -> None:
     frames = [scaled(frame, 3.0) for frame in scene.frames(2) if isinstance(frame, Frame)]
     tracker.start(frames[0], truth)
     result = tracker.track(frames[1])
-    assert tracker.solver.glass.times == 0.5
+    assert tracker.solver.glass.times == pytest.approx(1.0 / 3.0)
     camera, points_obj = frames[1].camera, tracker.control_points_obj[result.region]
     at = camera.project(transform(result.cam_T_obj, points_obj))
     np.testing.assert_allclose(result.control_points, at, atol=1e-6)

@@ -105,7 +105,7 @@ def test_every_reach_has_its_turn() -> None:
 
 
 def test_a_search_nearby_looks_less_far_around_a_part_that_is_magnified_and_farther_around_a_large_one() -> None:
-    assert [NEAR.of(ANYWHERE, size_px).around_px for size_px in (500.0, 1400.0)] == [160.0, 320.0]
+    assert [NEAR.of(ANYWHERE, size_px).around_px for size_px in (420.0, 840.0)] == [160.0, 320.0]
     margins = [NEAR.of(ANYWHERE, size_px).around_px for size_px in (300.0, 130.0, 90.0, 50.0)]
     assert NEAR.of(ANYWHERE).around_px == NEAR.around_px
     assert margins[0] == margins[1] == NEAR.around_px
