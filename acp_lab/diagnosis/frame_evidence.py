@@ -155,15 +155,24 @@ class PartObserver:
         return EdgeEvidence(ids[inside], points, normals, scores.max(1), contrasts, sides, rivals, outside, reach)
 
     def reach_px(self, camera: Camera, cam_T_obj: FloatArray) -> int:
-        """How far `acp`'s first level searches, in px of the frame; less for a part that appears small."""
-        glass = MagnifyingGlass(USUAL_MAGNIFICATION)
-        size_px = appears_px(self.part, camera, cam_T_obj)
-        glass.choose(size_px)
-        return round(PixelSchedule().at(glass.times * size_px)[0].reach_px / glass.times)
+        """How far `acp`'s first level searches, px of the frame: less for a part that appears small, more for a large.
+
+        At a distance at which it is first seen.
+        """
+        size_px, times = self._looked_at(camera, cam_T_obj)
+        return round(PixelSchedule().at(times * size_px)[0].reach_px / times)
 
     def leap_px(self, camera: Camera, cam_T_obj: FloatArray) -> float:
         """How far a part may have gone that was not found, px of the frame: five times a first level's reach."""
-        return 5.0 * PixelSchedule().at(appears_px(self.part, camera, cam_T_obj))[0].reach_px
+        size_px, times = self._looked_at(camera, cam_T_obj)
+        # Not less far where it is magnified.
+        return 5.0 * PixelSchedule().at(min(times, 1.0) * size_px)[0].reach_px / min(times, 1.0)
+
+    def _looked_at(self, camera: Camera, cam_T_obj: FloatArray) -> tuple[float, float]:
+        """How long the part appears, px of the frame, and how many times it is magnified."""
+        glass, size_px = MagnifyingGlass(USUAL_MAGNIFICATION), appears_px(self.part, camera, cam_T_obj)
+        glass.choose(size_px)
+        return size_px, glass.times
 
 
 def _common(ids: IntArray, others: IntArray) -> tuple[IntArray, IntArray]:

@@ -10,8 +10,11 @@ from pathlib import Path
 
 import cv2
 
-_UNIX_TIME = re.compile(r"(\d{10})[._]?(\d{3,9})")
-"""Seconds since 1970, which have ten digits since 2001, and their fraction: ms, µs or ns, with a point or without."""
+_UNIX_TIME = re.compile(r"(1\d{9})\.?(\d{9}|\d{6}|\d{3})")
+"""Seconds since 1970, of the years 2001 to 2033, and their fraction: ms, µs or ns, with a point or without.
+
+Dates, such as 20240131123045123, begin with a 2.
+"""
 
 
 def times_of(paths: Sequence[Path]) -> tuple[float, ...] | None:
@@ -38,14 +41,17 @@ class CameraClock:
 
     def __init__(self) -> None:
         self._start_s = time.perf_counter()
-        self._stamp_s, self._ahead_s = 0.0, 0.0
+        self._stamp_s: float | None = None
+        self._ahead_s: float | None = None
 
     def taken_s(self, device: cv2.VideoCapture) -> float:
-        """Of the image just read."""
+        """Of the image just read; when it arrived, where the driver has no clock or that was just set."""
         arrived_s = time.perf_counter() - self._start_s
-        before_s, self._stamp_s = self._stamp_s, device.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
-        if not self._stamp_s > before_s:
-            return arrived_s  # a clock that stands still is none
-        if before_s == 0.0:
+        before_s, stamp_s = self._stamp_s, device.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+        self._stamp_s = stamp_s if stamp_s >= 0.0 else None
+        if self._stamp_s is None or before_s is None or not before_s < self._stamp_s:
+            self._ahead_s = None
+            return arrived_s
+        if self._ahead_s is None:
             self._ahead_s = self._stamp_s - arrived_s
         return self._stamp_s - self._ahead_s

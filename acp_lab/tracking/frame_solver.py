@@ -82,7 +82,9 @@ class FrameSolver:
     def magnify(self, camera: Camera, cam_T_obj: FloatArray) -> None:
         """Choose the glass for a frame whose part is expected at a pose (4, 4)."""
         if transform(cam_T_obj, self.part.box_centre)[2] > 0.0:
-            self.glass.choose(appears_px(self.part, camera, cam_T_obj))
+            # A part all around the camera is no reason to look at a picture of a few px.
+            largest_px = 4.0 * max(camera.width, camera.height)
+            self.glass.choose(min(appears_px(self.part, camera, cam_T_obj), largest_px))
 
     def natural_region(self, cam_T_obj: FloatArray) -> int:
         """The view region 0..5 that a pose (4, 4) is in, prepared or not."""

@@ -1,8 +1,9 @@
 """A Kalman filter of a rigid motion: constant velocity with random accelerations.
 
-The state is the pose and its velocity per frame; errors are pose steps about the part's centre, in camera axes (rad,
-mm), so that the filter is linear in them (Barfoot, "State Estimation for Robotics", 2017, chapter 8). Its prediction
-knows how sure it is, and its innovation, how far a frame was from it, widens the accelerations that it allows.
+The state is the pose and its velocity per step from frame to frame; errors are pose steps about the part's centre, in
+camera axes (rad, mm), so that the filter is linear in them (Barfoot, "State Estimation for Robotics", 2017, chapter 8).
+Its prediction knows how sure it is, and its innovation, how far a frame was from it, widens the accelerations that it
+allows.
 """
 
 from __future__ import annotations
@@ -73,6 +74,7 @@ class PoseKalman:
         self._centre_obj = np.array(centre_obj, np.float64)
         self._config = config
         self._last: FloatArray | None = None
+        self._coasted: FloatArray | None = None
         # Of the next frame, as predicted: pose (4, 4), velocity (6,), covariance (12, 12) of both.
         self._pose, self._velocity, self._covariance = np.eye(4), np.zeros(6), np.eye(12)
         self._information: FloatArray | None = None
@@ -83,10 +85,10 @@ class PoseKalman:
 
     @property
     def last(self) -> FloatArray:
-        """(4, 4) the last pose taken in."""
+        """(4, 4) the last pose taken in; where frames were left out since, one usual step before the predicted one."""
         if self._last is None:
             raise ValueError("no pose observed yet: call restart first")
-        return self._last
+        return self._last if self._coasted is None else self._coasted
 
     @property
     def moves(self) -> bool:
@@ -162,10 +164,10 @@ class PoseKalman:
         self._go_on(self.predict(), self._velocity, self._covariance)
 
     def elapse(self, step: TimeStep) -> None:
-        """The next frame, predicted for a usual step by now, comes after another one.
+        """The next frame comes after another step than the one before.
 
-        The velocity is per step, so it changes with it; accelerations act for as long. After a long step the part rests
-        where it was, for all that is known.
+        The velocity is per step, so it changes with it; accelerations act for as long. Where frames were left out the
+        part is taken to have coasted over them. After a long step it rests where it was, for all that is known.
         """
         if step == TimeStep() or self._last is None:
             return
@@ -176,6 +178,8 @@ class PoseKalman:
         by = np.ones(12)
         by[6:] = step.of_last
         self._go_on(pose, step.of_last * velocity, by[:, None] * covariance * by, step.of_usual)
+        if step.of_usual > 1.0:
+            self._coasted = move_pose(pose, self._centre_obj, (1.0 - 1.0 / step.of_usual) * self._velocity)
 
     def repeat(self) -> None:
         """The next frame shows the last one's picture again: the part is expected where it was, with what smear it had.
@@ -183,7 +187,9 @@ class PoseKalman:
         Found there, it goes on from there as it would have gone: by the next picture by one step, or by two if a
         picture was left out, so the prediction stays, and is unsure by a step.
         """
-        self._ahead, self._pose = self._pose, self.last.copy()
+        if self._last is None:
+            raise ValueError("no pose observed yet: call restart first")
+        self._ahead, self._pose = self._pose, self._last.copy()
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone.
@@ -197,10 +203,10 @@ class PoseKalman:
             self._pose, self._ahead = self._ahead, None
         if quality <= self._config.hold_below:
             self._observed = False
-            self._go_on(self.last, np.zeros(6), covariance)
+            self._go_on(self._last if self._last is not None else cam_T_obj, np.zeros(6), covariance)
             return
         if stays:
-            self._last, self._pose, self._information = cam_T_obj, np.empty((4, 4)), None
+            self._last, self._pose, self._information, self._coasted = cam_T_obj, np.empty((4, 4)), None, None
             self._from, self._of_usual = (cam_T_obj, self._velocity, covariance), 1.0
             move(plain(cam_T_obj), self._centre_obj, self._velocity, self._pose)
             self._covariance = covariance.copy()
@@ -240,7 +246,7 @@ class PoseKalman:
         # White noise of the acceleration: the variance of a velocity grows with the time, and here it is per step.
         variance *= of_usual**3
         self._from, self._of_usual = (cam_T_obj, velocity, covariance), of_usual
-        self._last, self._velocity, self._ahead = cam_T_obj, velocity, None
+        self._last, self._velocity, self._ahead, self._coasted = cam_T_obj, velocity, None, None
         self._pose, self._covariance, self._information = np.empty((4, 4)), np.empty((12, 12)), None
         move(plain(cam_T_obj), self._centre_obj, velocity, self._pose)
         go_on(covariance, variance, self._covariance)

@@ -34,6 +34,7 @@ _KEEP_BELOW, _KEEP_ABOVE = 0.75, 2.0
 _KEEP_LARGE, _KEEP_FROM, _KEEP_TO = 4.0 / 3.0, 0.625, 1.6
 # A part that is larger fills the largest images, or is all around the camera.
 _MOST_SMALLER = 32
+_LEAST_LARGE_PX = 60.0
 # Around what is looked at, for the interpolation.
 _RIM_PX = 3
 
@@ -67,10 +68,10 @@ class Magnification:
             )
         if not (isinstance(self.most, int) and 1 <= self.most <= 8):
             raise TrackingError(f"magnification.most = {self.most}: give a whole number from 1 to 8")
-        if not self.wanted_px <= self.large_px <= 0.6 * self.above_px <= 1e6:
+        if not _LEAST_LARGE_PX <= self.large_px <= 0.6 * self.above_px <= 1e6:
             raise TrackingError(
-                f"magnification.large_px = {self.large_px:g}, above_px = {self.above_px:g}: give px, the first no less "
-                "than wanted_px and at most 0.6 of the second, that up to a million, for never"
+                f"magnification.large_px = {self.large_px:g}, above_px = {self.above_px:g}: give px, the first from "
+                f"{_LEAST_LARGE_PX:g} to 0.6 of the second, that up to a million, for never"
             )
 
     def times(self, size_px: float) -> int:
@@ -80,8 +81,8 @@ class Magnification:
         return min(max(math.ceil(self.wanted_px / max(size_px, 1e-6)), 1), self.most)
 
     def times_smaller(self, size_px: float) -> int:
-        """How many times smaller a part is made that appears `size_px` long."""
-        if size_px <= self.above_px:
+        """How many times smaller a part is made that appears `size_px` long; 1 for one that is magnified."""
+        if size_px <= self.above_px or self.times(size_px) > 1:
             return 1
         return round(min(size_px / self.large_px, _MOST_SMALLER))
 
@@ -132,7 +133,7 @@ class MagnifyingGlass:
             self.times, self._in_use = config.times(size_px) / config.times_smaller(size_px), True
 
     @property
-    def _times_smaller(self) -> int:
+    def _divisor(self) -> int:
         return max(round(1.0 / self.times), 1)
 
     def camera(self, camera: Camera) -> Camera:
@@ -140,14 +141,14 @@ class MagnifyingGlass:
         if self.times == 1:
             return camera
         if self.times < 1:
-            return camera.shrunk(self._times_smaller)
+            return camera.shrunk(self._divisor)
         times = round(self.times)
         return camera.resized(times * camera.width, times * camera.height)
 
     def image(self, image: ByteImage, box: tuple[int, int, int, int]) -> ByteImage:
         """An image (h, w, 3), magnified inside a box (x0, y0, x1, y1) px of the magnified one; black elsewhere."""
         if self.times < 1:
-            return _shrunk(image, box, self._times_smaller)
+            return _shrunk(image, box, self._divisor)
         times = round(self.times)
         if times == 1:
             return image
@@ -194,7 +195,7 @@ class MagnifyingGlass:
             return target
         (x, y), (width, height) = target.origin, target.size
         if self.times < 1:
-            per = self._times_smaller
+            per = self._divisor
             return TargetView(self.points(target.edge_points), (per * x, per * y), (per * width, per * height))
         times = round(self.times)
         origin = x // times, y // times

@@ -9,7 +9,7 @@
     tones       what a sudden change of light does             tones
     prediction  where the next frame starts                    prediction
     sight       how a first glance corrects that               picture
-    magnification  how parts are seen that appear small        magnification
+    magnification  how small and large parts are seen          magnification
     start       what the first frame does with a given pose    start
     recovery    what happens when a frame fits badly           recovery
     way_back    who looks for a part that is lost              way_back

@@ -19,7 +19,7 @@ class Predictor(Protocol):
 
     @property
     def last(self) -> FloatArray:
-        """(4, 4) the last pose taken in."""
+        """(4, 4) the last pose taken in; where frames were left out since, one usual step before the predicted one."""
         ...
 
     @property
@@ -177,6 +177,12 @@ class ConstantVelocity(_LastPose):
         super().restart(cam_T_obj)
         self._before, self._is_good, self._step = None, True, TimeStep()
 
+    @property
+    def last(self) -> FloatArray:
+        """(4, 4) the last pose observed; where frames were left out since, one usual step before the predicted one."""
+        left_out = self._before is not None and self._step.of_usual > 1.0
+        return self._after(self._step.of_last * (1.0 - 1.0 / self._step.of_usual)) if left_out else super().last
+
     def elapse(self, step: TimeStep) -> None:
         """The next frame comes after a step in time: the part goes as far as that lasts; after a long one it rests."""
         self._step = step
@@ -205,18 +211,23 @@ class ConstantVelocity(_LastPose):
         """(6,) the last pose step (rad, mm), of a usual time step; None before there was one."""
         if self._before is None:
             return None
-        return self._step.of_last / self._step.of_usual * pose_step_between(self._before, self.last, self._centre_obj)
+        step = pose_step_between(self._before, super().last, self._centre_obj)
+        return self._step.of_last / self._step.of_usual * step
 
     def predict(self) -> FloatArray:
         """(4, 4) pose expected in the next frame."""
-        last, before, of_last = self.last, self._before, self._step.of_last
+        return self._after(self._step.of_last)
+
+    def _after(self, steps: float) -> FloatArray:
+        """(4, 4) so many steps like the last one after the last pose."""
+        last, before = super().last, self._before
         if before is None:
             return last.copy()
         # Through the logarithm, which makes it a rotation again: as a bare product, rounding errors
         # would more than double from frame to frame.
-        turn = so3_exp(of_last * so3_log(last[:3, :3] @ before[:3, :3].T))
+        turn = so3_exp(steps * so3_log(last[:3, :3] @ before[:3, :3].T))
         now = transform(last, self._centre_obj)
-        centre = (1.0 + of_last) * now - of_last * transform(before, self._centre_obj)
+        centre = (1.0 + steps) * now - steps * transform(before, self._centre_obj)
         predicted = np.eye(4)
         predicted[:3, :3] = turn @ last[:3, :3]
         predicted[:3, 3] = centre - predicted[:3, :3] @ self._centre_obj

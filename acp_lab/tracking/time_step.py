@@ -7,6 +7,7 @@ which predicts no motion; see docs/paper-ledger.md.)
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from statistics import median_low
 from typing import NamedTuple
@@ -44,35 +45,50 @@ class FrameTimes:
     def forget(self) -> None:
         """Before a new track."""
         self._last: float | None = None
-        self._is_timed = False
+        self._is_timed = self._is_assumed = False
+        self._before: float | None = None
         self._intervals: deque[float] = deque(maxlen=_INTERVALS)
 
     def begin(self, frame: Frame) -> None:
         """A new track, with its first frame."""
         self.forget()
-        self._is_timed = frame.time_s is not None
+        self._is_timed = _is_known(frame.time_s)
         self._last = self._time_of(frame)
 
     def step_to(self, frame: Frame | UnreadableFrame) -> TimeStep:
         """The step from the frame before to the next one; a usual one where nobody knows."""
         usual = median_low(self._intervals) if self._intervals else None
-        last, now = self._last, self._time_of(frame)
-        if now is None and last is not None and usual is not None:
-            now = last + usual  # of an image that cannot be read no time is known
-        self._last = last if now is None else now
-        # Backwards is a motion, too; the same time twice is no time.
-        interval = 0.0 if last is None or now is None else abs(now - last)
-        if not interval > 0.0:
+        interval = self._interval_to(frame, usual)
+        if interval is None:
             return TimeStep()
-        before = self._intervals[-1] if self._intervals else interval
-        self._intervals.append(interval)
+        before = interval if self._before is None else self._before
         step_before, step = (_steps(one, interval if usual is None else usual) for one in (before, interval))
-        return TimeStep(step / step_before, step)
+        found = TimeStep(step / step_before, step)
+        self._intervals.append(interval)
+        # How far the part went in a long time says nothing of the next step.
+        self._before = usual if found.is_long else interval
+        return found
+
+    def _interval_to(self, frame: Frame | UnreadableFrame, usual: float | None) -> float | None:
+        """Since the frame before; the usual one where the frame has no time of its own, None if that is not known."""
+        last, now = self._last, self._time_of(frame)
+        if now is None:
+            if last is not None and usual is not None and isinstance(frame, UnreadableFrame):
+                self._last, self._is_assumed = last + usual, True
+            return usual
+        # Images that cannot be read may take no time at all, so that what was assumed is later than what is.
+        is_told = last is not None and now != last and not (self._is_assumed and now < last)
+        self._last, self._is_assumed = now, False
+        return abs(now - last) if is_told and last is not None else usual  # backwards is a motion, too
 
     def _time_of(self, frame: Frame | UnreadableFrame) -> float | None:
         if not self._is_timed:
             return float(frame.index)
-        return frame.time_s if isinstance(frame, Frame) else None
+        return frame.time_s if isinstance(frame, Frame) and _is_known(frame.time_s) else None
+
+
+def _is_known(time_s: float | None) -> bool:
+    return time_s is not None and math.isfinite(time_s)
 
 
 def _steps(interval: float, usual: float) -> float:

@@ -267,8 +267,8 @@ class Tracker:
     def look(self, frame: Frame, prior: FloatArray) -> SeenFrame | None:
         """A frame around the part at a pose (4, 4), as the next `track` would see it; changes nothing.
 
-        But for a small part, which `track` magnifies: here it is seen as it is, in px of the frame. None where the part
-        is not in sight, see `crop_box`.
+        But for a part that `track` magnifies or makes smaller: here it is seen as it is, in px of the frame. None where
+        the part is not in sight, see `crop_box`.
         """
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:

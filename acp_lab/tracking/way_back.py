@@ -73,8 +73,8 @@ class Reach:
         """Around a pose (4, 4) at which the part appears `size_px` long."""
         around_px = self.around_px
         if around_px is not None:
-            # Where it is magnified a margin has more px, which take longer; and a part far away moves by fewer. For a
-            # large one the detector makes the image smaller, too.
+            # Where it is magnified a margin has more px, which take longer; and a part far away moves by fewer. A
+            # large one moves by more, and the detector scans its image at the size of its templates.
             around_px *= USUAL_MAGNIFICATION.times_smaller(size_px) / USUAL_MAGNIFICATION.times(size_px) ** 0.5
         return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, around_px)
 

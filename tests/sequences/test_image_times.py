@@ -29,7 +29,6 @@ def named(*names: str) -> tuple[float, ...] | None:
         ("1403636579763555.jpg", "1403636579813555.jpg", "1403636579963555.jpg"),
         ("1403636579763.png", "1403636579813.png", "1403636579963.png"),
         ("1403636579.763555.png", "1403636579.813555.png", "1403636579.963555.png"),
-        ("1403636579_763.png", "1403636579_813.png", "1403636579_963.png"),
     ],
 )
 def test_names_that_are_times(names: tuple[str, ...]) -> None:
@@ -50,6 +49,9 @@ def test_nanoseconds_are_kept() -> None:
         ("1403636579813.png", "1403636579763.png"),
         ("0000000001.png", "0000000002.png"),
         ("14036365797.png", "14036365798.png"),
+        ("20240131123045123.png", "20240131123045156.png"),  # a date
+        ("0000000000001.png", "0000000000002.png"),
+        ("1402856732_0001.png", "1402856732_0002.png"),  # the number of a camera, and of its picture
     ],
 )
 def test_names_that_are_none(names: tuple[str, ...]) -> None:
@@ -84,7 +86,15 @@ def test_a_camera_with_a_clock_says_when_images_were_taken(begin_ms: float) -> N
     """However late they are read: here all at once."""
     times_s = np.array(taken_s(*(begin_ms + np.array([0.0, 40.0, 80.0, 160.0]))))
     assert 0.0 <= times_s[0] < 0.03
+    assert 0.0 <= times_s[1] - times_s[0] < 0.03, "the clock's start is not known before"
     np.testing.assert_allclose(np.diff(times_s)[1:], [0.04, 0.08], rtol=1e-3)
+
+
+def test_a_clock_that_is_set_goes_on_from_there() -> None:
+    times_s = np.array(taken_s(5e6, 5e6 + 20.0, 5e6 + 40.0, 100.0, 120.0, 140.0))
+    assert (np.diff(times_s) > -0.05).all()
+    assert times_s.max() < 0.1
+    np.testing.assert_allclose(times_s[-1] - times_s[-2], 0.02, rtol=1e-3)
 
 
 @pytest.mark.parametrize("stamp_ms", [0.0, -1.0, float("nan"), 7.0])

@@ -175,7 +175,8 @@ def test_the_magnified_image_shows_what_the_frame_shows_where_the_camera_says(ti
         ({"most": 100}, "most = 100"),
         ({"most": 2.5}, "most = 2.5"),
         ({"above_px": 300.0}, "large_px = 210, above_px = 300: give px"),
-        ({"large_px": 150.0}, "large_px = 150, above_px = 360: give px"),
+        ({"large_px": 250.0}, "large_px = 250, above_px = 360: give px"),
+        ({"large_px": 20.0}, "large_px = 20, above_px = 360: give px"),
         ({"above_px": float("nan")}, "large_px = 210, above_px = nan"),
         ({"above_px": float("inf")}, "large_px = 210, above_px = inf"),
     ],
@@ -183,6 +184,12 @@ def test_the_magnified_image_shows_what_the_frame_shows_where_the_camera_says(ti
 def test_settings_that_magnify_nothing_are_refused(config: dict[str, float], words: str) -> None:
     with pytest.raises(TrackingError, match=f"magnification.{words}"):
         Magnification(**config)  # type: ignore[arg-type]
+
+
+def test_a_part_is_magnified_or_made_smaller_and_not_both() -> None:
+    config = Magnification(below_px=500.0, wanted_px=600.0)
+    assert (config.times(400.0), config.times_smaller(400.0)) == (2, 1)
+    assert (config.times(700.0), config.times_smaller(700.0)) == (1, 3)
 
 
 def test_the_papers_path_takes_frames_as_they_are() -> None:

@@ -9,16 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from acp_lab.cad.part import Part
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.pose_step import move_pose, pose_step_between
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.kalman import KalmanPrediction, PoseKalman
 from acp_lab.tracking.prediction import ConstantVelocity
+from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.time_step import FrameTimes, TimeStep
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import box, looking_at
-from tests.tracking.rendered import CAMERA, MadeSequence, add_percent
+from tests.tracking.rendered import AS_DRAWN, CAMERA, MadeSequence, add_percent, draw
 
 BLACK: ByteImage = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
 PART = box(shift=(500.0, -200.0, 100.0))
@@ -81,6 +83,29 @@ def test_an_unreadable_image_is_a_step_like_others() -> None:
     assert times.step_to(Frame(0, BLACK, CAMERA, 0.24)) == pytest.approx(TWICE)
 
 
+def test_images_that_fail_at_once_take_no_time() -> None:
+    """What was assumed of them is later than the next image that is read: the motion does not go on for them twice."""
+    times, gone = FrameTimes(), UnreadableFrame(0, CAMERA, "damaged")
+    times.begin(Frame(0, BLACK, CAMERA, 0.0))
+    assert [times.step_to(Frame(0, BLACK, CAMERA, float(time_s))) for time_s in (1, 2)] == [USUAL] * 2
+    assert [times.step_to(gone) for _ in range(6)] == [USUAL] * 6
+    assert [times.step_to(Frame(0, BLACK, CAMERA, float(time_s))) for time_s in (3, 4)] == [USUAL] * 2
+
+
+@pytest.mark.parametrize("unknown", [None, float("nan"), float("inf"), 5.0])
+def test_after_a_gap_a_frame_without_a_time_of_its_own_is_a_usual_step_away(unknown: float | None) -> None:
+    times = FrameTimes()
+    times.begin(Frame(0, BLACK, CAMERA, 0.0))
+    found = [times.step_to(Frame(0, BLACK, CAMERA, time_s)) for time_s in (1.0, 2.0, 5.0, unknown)]
+    assert found == [USUAL, USUAL, TimeStep(3.0, 3.0), TimeStep(1.0 / 3.0, 1.0)]
+
+
+def test_after_a_long_pause_a_step_is_a_usual_one_again() -> None:
+    found = steps(0, 1, 2, 3, 1003, 1004)
+    assert found[3].is_long
+    assert found[4] == USUAL
+
+
 def test_frames_of_a_timed_track_without_a_time_tell_nothing() -> None:
     times = FrameTimes()
     times.begin(Frame(0, BLACK, CAMERA, 0.0))
@@ -114,6 +139,9 @@ def test_the_part_is_expected_as_far_as_it_goes_in_the_time(numbers: list[int], 
         assert np.linalg.norm(off[:3]) < 0.05 * ahead * np.linalg.norm(STEP[:3])
         # What smears its edges: as far as it goes while the shutter is open, however long it was closed before.
         np.testing.assert_allclose(predictor.motion, STEP, rtol=0.05)
+        # It has coasted over what was left out.
+        coasted = move_pose(last, CENTRE, (ahead - 1) * STEP)
+        np.testing.assert_allclose(pose_step_between(coasted, predictor.last, CENTRE), 0.0, atol=0.2 * ahead)
 
 
 def test_over_a_gap_it_is_less_sure_about_as_much_as_over_frames_without_an_image() -> None:
@@ -150,6 +178,20 @@ def test_after_a_picture_that_came_again_a_gap_is_one_all_the_same() -> None:
     predictor.elapse(TWICE)
     off = pose_step_between(move_pose(last, CENTRE, 2.0 * STEP), predictor.predict(), CENTRE)
     assert np.abs(off).max() < 0.05 * np.abs(STEP).max()
+
+
+def test_a_part_that_goes_far_while_frames_are_left_out_is_where_it_was_foretold(
+    part: Part, model: PreparedPart
+) -> None:
+    """Farther than any part can go in one step."""
+    start, step = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3), np.array([0, 0, np.radians(5.5), 0.2, 0, 0])
+    tracker = Tracker(model, AS_DRAWN)
+    for number in (0, 1, 2, 3, 4, 5, 14, 15):
+        truth = move_pose(start, part.box_centre, number * step)
+        frame = Frame(number, draw([(part, truth)], number), CAMERA)
+        result = tracker.track(frame) if number else tracker.start(frame, truth)
+        assert add_percent(part, result.cam_T_obj, truth) < 2.0
+        assert result.state is TrackState.TRACKING
 
 
 def test_the_prediction_of_a_tracker_leaps_over_frames_left_out(sequence: MadeSequence, model: PreparedPart) -> None:
