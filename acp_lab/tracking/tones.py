@@ -20,6 +20,7 @@ from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, writable
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.bands import Bands
 
 _PIXELS = 5000
 """Of a frame that are compared."""
@@ -36,6 +37,9 @@ class ToneMatching:
         unexplained: share of that change which curves may leave.
         of_constant: share of what one grey value per channel would leave, which curves may leave.
         keep: share of the correction that is kept from frame to frame.
+        band_least: standard deviation, over rows, of the change in log brightness from which on light comes in bands,
+            see `bands`.
+        band_unexplained: share of the change of all pixels that these may leave.
     """
 
     kind: ClassVar[str] = "matched"
@@ -43,11 +47,15 @@ class ToneMatching:
     unexplained: float = 0.5
     of_constant: float = 0.9
     keep: float = 0.85
+    band_least: float = 0.02
+    band_unexplained: float = 0.6
 
     def __post_init__(self) -> None:
         if not self.least > 0.0:
             raise TrackingError(f"tones.least = {self.least:g}: give grey levels above 0")
-        for name in ("unexplained", "of_constant", "keep"):
+        if not self.band_least > 0.0:
+            raise TrackingError(f"tones.band_least = {self.band_least:g}: give a number above 0, such as 100 for never")
+        for name in ("unexplained", "of_constant", "keep", "band_unexplained"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise TrackingError(f"tones.{name} = {getattr(self, name):g}: give 0 to below 1")
 
@@ -57,22 +65,25 @@ class Tones:
 
     def __init__(self, config: ToneMatching) -> None:
         self.config = config
+        self._bands = Bands(config.band_least, config.band_unexplained, config.keep)
         self.forget()
 
     def forget(self) -> None:
         """Before a new track."""
+        self._bands.forget()
         self._before: _Sample | None = None
         self._curves: FloatArray | None = None
 
     def preview(self, frame: Frame) -> Frame:
         """What `steady` would give next; changes nothing."""
-        kept = self._before, self._curves
+        kept = self._before, self._curves, self._bands.before
         seen = self.steady(frame)
-        self._before, self._curves = kept
+        self._before, self._curves, self._bands.before = kept
         return seen
 
     def steady(self, frame: Frame) -> Frame:
-        """The frame in the tones before a sudden change of light, or as it is."""
+        """The frame in the tones before a sudden change of light, and without bands of it, or as it is."""
+        frame = self._bands.steady(frame)
         now = _some_pixels(frame.image)
         before, self._before = self._before, now
         if self._curves is not None:

@@ -95,7 +95,7 @@ FUSED = Method(
     ),
     way_back=WayBack(1e4, 3, 0.7, 0.3, 0.8, 12),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0, 0.9),
-    tones=ToneMatching(9.0, 0.4, 0.3, 0.7),
+    tones=ToneMatching(9.0, 0.4, 0.3, 0.7, 0.03, 0.5),
     uncertainty=PoseUncertainty(1.0, 0.2, 0.3, 0.4),
 )
 EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=GaussNewton(9, 0.1), learning=Off())]

@@ -1,0 +1,141 @@
+"""Bands of light: lamps flicker with the mains, and a camera that reads its rows one after another shows that as bands.
+
+Then rows are brighter and darker by turns, and elsewhere in every frame, so that no edge looks as it did a frame ago.
+Most of a picture stays where it is, or moves little: what the middle of a row's pixels say of how much brighter it is
+than in the frame before is the lamp's doing where it explains most of the change. A frame is then seen in the light
+of the one before, row by row, and its own comes back slowly. (Not in the paper; see docs/paper-ledger.md.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import ByteImage, FloatArray, writable
+from acp_lab.sequences.frame import Frame
+
+_ROWS, _COLUMNS = 64, 80
+"""Of a frame that are compared."""
+# Of rows that are compared: bands are wider.
+_SMOOTH_ROWS = 2.0
+# Grey levels: what is darker or brighter than these is cut off; and what noise is small beside.
+_BLACK, _WHITE, _DARK = 8, 247, 4.0
+# Pixels of a row that are not cut off, and share of such rows, without which nothing is told.
+_LEAST_PIXELS, _LEAST_ROWS = 8, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """grid: (r, c, 3) some pixels of a frame; means: (r,) of each row; taken: (r,) log brightness taken off since."""
+
+    grid: ByteImage
+    means: FloatArray
+    taken: FloatArray
+
+
+class Bands:
+    """The light in which the rows of one track's frames are seen.
+
+    least: standard deviation over the rows of their change in log brightness, from which on it is a band;
+    unexplained: share of the change of all pixels that the rows' may leave; keep: share of a row's change that is taken
+    off.
+    """
+
+    def __init__(self, least: float, unexplained: float, keep: float) -> None:
+        self._least, self._unexplained, self._keep = least, unexplained, keep
+        self.before: _Rows | None = None
+
+    def forget(self) -> None:
+        """Before a new track."""
+        self.before = None
+
+    def steady(self, frame: Frame) -> Frame:
+        """The frame in the light of the one before where that came in bands, or as it is."""
+        now, before = _some_rows(frame.image), self.before
+        self.before = now
+        if before is None or before.grid.shape != now.grid.shape:
+            return frame
+        roughly = np.log((now.means + _DARK) / (before.means + _DARK)) + before.taken
+        if not roughly.std() >= self._least:
+            return frame
+        change = self._change(before, now)
+        if change is None:
+            return frame
+        taken = self._keep * change
+        self.before = replace(now, taken=taken)
+        height, width = frame.image.shape[:2]
+        at = _first(height, _ROWS) + _step(height, _ROWS) * np.arange(len(taken))
+        gains, image = np.exp(-np.interp(np.arange(height), at, taken)), np.empty((height, width, 3), np.uint8)
+        _brighten(writable(frame.image), gains, image)
+        return replace(frame, image=image)
+
+    def _change(self, before: _Rows, now: _Rows) -> FloatArray | None:
+        """(r,) by how much the rows' log brightness changed; None where that was no band."""
+        told = _is_told(before.grid) & _is_told(now.grid)
+        rows = told.sum(1) >= _LEAST_PIXELS
+        if rows.mean() < _LEAST_ROWS:
+            return None
+        change = np.where(told, _log(now.grid) - _log(before.grid) + before.taken[:, None], np.nan)
+        middle = np.nanmedian(change[rows], axis=1)
+        by_row = np.interp(np.arange(len(change)), np.flatnonzero(rows), middle)
+        border = cv2.BORDER_REPLICATE
+        smooth = cv2.GaussianBlur(by_row[:, None], (1, 9), 0.0, sigmaY=_SMOOTH_ROWS, borderType=border)[:, 0]
+        if smooth.std() < self._least:
+            return None
+        # Beside a change that is the same for all, which is another matter.
+        whole = np.abs(change - np.nanmedian(middle))[told].mean()
+        left = np.abs(change - smooth[:, None])[told].mean()
+        return np.asarray(smooth, np.float64) if left <= self._unexplained * whole else None
+
+
+def _first(length: int, count: int) -> int:
+    return _step(length, count) // 2
+
+
+def _step(length: int, count: int) -> int:
+    return max(1, length // count)
+
+
+def _some_rows(image: ByteImage) -> _Rows:
+    height, width = image.shape[:2]
+    rows = slice(_first(height, _ROWS), None, _step(height, _ROWS))
+    picked = writable(image[rows, _first(width, _COLUMNS) :: _step(width, _COLUMNS)])
+    grid, means = np.empty(picked.shape, np.uint8), np.empty(len(picked))
+    _copy(picked, grid, means)
+    return _Rows(grid, means, np.zeros(len(picked)))
+
+
+def _is_told(grid: ByteImage) -> np.ndarray:
+    """(r, c) whether none of a pixel's channels is cut off."""
+    return np.asarray(((grid > _BLACK) & (grid < _WHITE)).all(2))
+
+
+def _log(grid: ByteImage) -> FloatArray:
+    """(r, c) log brightness."""
+    return np.asarray(np.log(grid.mean(2) + _DARK))
+
+
+@kernel("void(u1[:, :, :], u1[:, :, ::1], f8[::1])")
+def _copy(picked: ByteImage, grid: ByteImage, means: FloatArray) -> None:
+    """Fill grid (r, c, 3) with picked pixels of the same shape, and means (r,) with the mean of each row."""
+    rows, columns, _ = picked.shape
+    for row in range(rows):
+        total = 0
+        for column in range(columns):
+            for channel in range(3):
+                grid[row, column, channel] = picked[row, column, channel]
+                total += picked[row, column, channel]
+        means[row] = total / (3 * columns)
+
+
+@kernel("void(u1[:, :, :], f8[::1], u1[:, :, ::1])")
+def _brighten(image: ByteImage, gains: FloatArray, brightened: ByteImage) -> None:
+    """Fill brightened (h, w, 3) with an image of that shape, each row times its gain (h,), rounded and cut off."""
+    height, width, _ = image.shape
+    for row in range(height):
+        for column in range(width):
+            for channel in range(3):
+                brightened[row, column, channel] = int(min(image[row, column, channel] * gains[row] + 0.5, 255.0))
