@@ -6,7 +6,7 @@
     schedule    coarse to fine                                 schedule
     priors      what is believed beside the image              priors
     solver      how e is minimised                             solvers
-    tones       what a sudden change of light does             tones
+    tones       what sudden changes and bands of light do      tones, bands
     prediction  where the next frame starts                    prediction
     sight       how a first glance corrects that               picture
     magnification  how small and large parts are seen          magnification
