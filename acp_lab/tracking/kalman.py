@@ -86,9 +86,14 @@ class PoseKalman:
     @property
     def last(self) -> FloatArray:
         """(4, 4) the last pose taken in; where frames were left out since, one usual step before the predicted one."""
+        return self._seen if self._coasted is None else self._coasted
+
+    @property
+    def _seen(self) -> FloatArray:
+        """(4, 4) the last pose taken in."""
         if self._last is None:
             raise ValueError("no pose observed yet: call restart first")
-        return self._last if self._coasted is None else self._coasted
+        return self._last
 
     @property
     def moves(self) -> bool:
@@ -187,9 +192,7 @@ class PoseKalman:
         Found there, it goes on from there as it would have gone: by the next picture by one step, or by two if a
         picture was left out, so the prediction stays, and is unsure by a step.
         """
-        if self._last is None:
-            raise ValueError("no pose observed yet: call restart first")
-        self._ahead, self._pose = self._pose, self._last.copy()
+        self._ahead, self._pose = self._pose, self._seen.copy()
 
     def observe(self, cam_T_obj: FloatArray, quality: float = 1.0, information: FloatArray | None = None) -> None:
         """Take in a frame: the pose (4, 4) found with the prior, and the (6, 6) information of its image alone.
@@ -203,7 +206,7 @@ class PoseKalman:
             self._pose, self._ahead = self._ahead, None
         if quality <= self._config.hold_below:
             self._observed = False
-            self._go_on(self._last if self._last is not None else cam_T_obj, np.zeros(6), covariance)
+            self._go_on(self._seen, np.zeros(6), covariance)
             return
         if stays:
             self._last, self._pose, self._information, self._coasted = cam_T_obj, np.empty((4, 4)), None, None
