@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402
 
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.sequences.bop import BopScene  # noqa: E402
-from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.method import Method  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
 from benchmarks.told_wrong import (  # noqa: E402
@@ -30,11 +30,8 @@ from benchmarks.told_wrong import (  # noqa: E402
     Told,
     ToldRun,
     TrueFrame,
-    arguments,
     follow,
-    recalls,
-    record,
-    rows_of,
+    main_of_recalls,
     true_frames,
 )
 
@@ -43,19 +40,11 @@ SHARE = 0.3
 """Of frames that "30%" leaves out."""
 GAP, APART = (2, 5), (8, 15)
 """Frames that a gap leaves out, and that come between two gaps; the least and the most."""
-UNIT = {
-    "@*": "share of frames with ADD (ADD-S) below 2, 5% of the diameter",
-    "lost": "runs in which that was ever above 30%",
-    "runs": "runs",
-}
 
 
 def main() -> None:
     """See the module."""
-    args = arguments(__doc__).parse_args()
-    method = method_named(args.method)
-    rows = rows_of(args, lambda scene: _runs(scene, args.parts, method), lambda runs: recalls(r.errors for r in runs))
-    record(args, "left_out_frames", "frames left out", UNIT, rows)
+    main_of_recalls(__doc__, "left_out_frames", "frames left out", _runs)
 
 
 def kept(name: str, count: int, rng: np.random.Generator) -> list[int]:

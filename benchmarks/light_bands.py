@@ -24,7 +24,7 @@ import numpy as np  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.sequences.bop import BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
-from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.method import Method  # noqa: E402
 from acp_lab.tracking.tones import ToneMatching  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
@@ -33,11 +33,8 @@ from benchmarks.told_wrong import (  # noqa: E402
     Told,
     ToldRun,
     TrueFrame,
-    arguments,
     follow,
-    recalls,
-    record,
-    rows_of,
+    main_of_recalls,
     true_frames,
 )
 
@@ -45,19 +42,11 @@ LIGHT = {"steady": (0.0, 0.0), "bands of 10%": (0.1, 1.5), "bands of 25%": (0.25
 """By how much grey values change, and how many bands there are in the height of a picture."""
 TURN = 2.39
 """Rad by which the bands go on from frame to frame: they come to all places."""
-UNIT = {
-    "@*": "share of frames with ADD (ADD-S) below 2, 5% of the diameter",
-    "lost": "runs in which that was ever above 30%",
-    "runs": "runs",
-}
 
 
 def main() -> None:
     """See the module."""
-    args = arguments(__doc__).parse_args()
-    method = method_named(args.method)
-    rows = rows_of(args, lambda scene: _runs(scene, args.parts, method), lambda runs: recalls(r.errors for r in runs))
-    record(args, "light_bands", "lamps that flicker", UNIT, rows)
+    main_of_recalls(__doc__, "light_bands", "lamps that flicker", _runs)
 
 
 def banded(frame: Frame, number: int, share: float, bands: float) -> Frame:

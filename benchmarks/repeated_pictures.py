@@ -31,7 +31,7 @@ from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopScene  # noqa: E402
 from acp_lab.sequences.frame import Frame  # noqa: E402
 from acp_lab.sequences.images import VideoFile  # noqa: E402
-from acp_lab.tracking.method import Method, method_named  # noqa: E402
+from acp_lab.tracking.method import Method  # noqa: E402
 from acp_lab.tracking.repeated_picture import ShownPicture  # noqa: E402
 from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks.robustness import STARTS  # noqa: E402
@@ -40,20 +40,12 @@ from benchmarks.told_wrong import (  # noqa: E402
     STARTS_TOLD,
     ToldRun,
     TrueFrame,
-    arguments,
-    recalls,
-    record,
-    rows_of,
+    main_of_recalls,
     true_frames,
 )
 
 HELD = 0.3
 """Share of pictures in whose place the last one comes again."""
-UNIT = {
-    "@*": "share of frames with ADD (ADD-S) below 2, 5% of the diameter",
-    "lost": "runs in which that was ever above 30%",
-    "runs": "runs",
-}
 
 
 class NeverShown(ShownPicture):
@@ -74,10 +66,7 @@ class TakesAllForNew(Tracker):
 
 def main() -> None:
     """See the module."""
-    args = arguments(__doc__).parse_args()
-    method = method_named(args.method)
-    rows = rows_of(args, lambda scene: _runs(scene, args.parts, method), lambda runs: recalls(r.errors for r in runs))
-    record(args, "repeated_pictures", "pictures that come again", UNIT, rows)
+    main_of_recalls(__doc__, "repeated_pictures", "pictures that come again", _runs)
 
 
 def order_of(name: str, count: int, rng: np.random.Generator) -> list[int]:

@@ -18,6 +18,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.sequences.bop import BopDataset, BopScene
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.method import Method, method_named
 from acp_lab.tracking.tracker import Tracker
 from benchmarks import measured
 from benchmarks.robustness import SPLITS, is_in_split
@@ -29,6 +30,13 @@ UNIT = {
     "lost": "runs in which that was ever above 30%",
     "runs": "runs",
     "moved": "ADD (ADD-S) of the pose that explains the image best, to the truth, as a share of the diameter, median",
+}
+
+
+RECALLS = {
+    "@*": "share of frames with ADD (ADD-S) below 2, 5% of the diameter",
+    "lost": "runs in which that was ever above 30%",
+    "runs": "runs",
 }
 
 
@@ -104,6 +112,16 @@ def record(
     if args.record:
         about = f"{what}; tracker {args.method}, forwards, parts for {args.split}"
         measured.record(f"{key}.{args.record}", about, unit, ", ".join(root.name for root in args.datasets), rows)
+
+
+def main_of_recalls(
+    doc: str | None, key: str, what: str, runs_of: Callable[[BopScene, Path, Method], Iterator[ToldRun]]
+) -> None:
+    """The main program of a benchmark whose rows are recalls; key, what: see `record`; runs_of: of a scene, parts."""
+    args = arguments(doc).parse_args()
+    method = method_named(args.method)
+    rows = rows_of(args, lambda scene: runs_of(scene, args.parts, method), lambda runs: recalls(r.errors for r in runs))
+    record(args, key, what, RECALLS, rows)
 
 
 def row_of(runs: Sequence[ToldRun]) -> dict[str, float]:
