@@ -2,8 +2,9 @@
 
 Then rows are brighter and darker by turns, and elsewhere in every frame, so that no edge looks as it did a frame ago.
 Most of a picture stays where it is, or moves little: what the middle of a row's pixels say of how much brighter it is
-than in the frame before is the lamp's doing where it explains most of the change. A frame is then seen in the light
-of the one before, row by row, and its own comes back slowly. (Not in the paper; see docs/paper-ledger.md.)
+than in the frame before is the lamp's doing where it explains most of the change, also that of the part itself, which
+a ground of stripes that goes by does not. A frame is then seen in the light of the one before, row by row, but for a
+share, so that light that has changed for good comes through. (Not in the paper; see docs/paper-ledger.md.)
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import ByteImage, FloatArray, writable
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_view import Box
 
 _ROWS, _COLUMNS = 64, 80
 """Of a frame that are compared."""
@@ -25,6 +27,8 @@ _SMOOTH_ROWS = 2.0
 _BLACK, _WHITE, _DARK = 8, 247, 4.0
 # Pixels of a row that are not cut off, and share of such rows, without which nothing is told.
 _LEAST_PIXELS, _LEAST_ROWS = 8, 0.5
+# Share of the change around the part that rows may leave: it moves, but not so that they would make that more.
+_LEFT_ON_PART = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +56,11 @@ class Bands:
         """Before a new track."""
         self.before = None
 
-    def steady(self, frame: Frame) -> Frame:
-        """The frame in the light of the one before where that came in bands, or as it is."""
+    def steady(self, frame: Frame, around: Box | None = None) -> Frame:
+        """The frame in the light of the one before where that came in bands, or as it is.
+
+        around: (x0, y0, x1, y1) px, where the part is expected.
+        """
         now, before = _some_rows(frame.image), self.before
         self.before = now
         if before is None or before.grid.shape != now.grid.shape:
@@ -61,7 +68,7 @@ class Bands:
         roughly = np.log((now.means + _DARK) / (before.means + _DARK)) + before.taken
         if not roughly.std() >= self._least:
             return frame
-        change = self._change(before, now)
+        change = self._change(before, now, _cells(frame.image, around))
         if change is None:
             return frame
         taken = self._keep * change
@@ -72,8 +79,8 @@ class Bands:
         _brighten(writable(frame.image), gains, image)
         return replace(frame, image=image)
 
-    def _change(self, before: _Rows, now: _Rows) -> FloatArray | None:
-        """(r,) by how much the rows' log brightness changed; None where that was no band."""
+    def _change(self, before: _Rows, now: _Rows, part: tuple[slice, slice] | None) -> FloatArray | None:
+        """(r,) by how much the rows' log brightness changed; None where that was no band. part: its pixels."""
         told = _is_told(before.grid) & _is_told(now.grid)
         rows = told.sum(1) >= _LEAST_PIXELS
         if rows.mean() < _LEAST_ROWS:
@@ -86,9 +93,23 @@ class Bands:
         if smooth.std() < self._least:
             return None
         # Beside a change that is the same for all, which is another matter.
-        whole = np.abs(change - np.nanmedian(middle))[told].mean()
-        left = np.abs(change - smooth[:, None])[told].mean()
-        return np.asarray(smooth, np.float64) if left <= self._unexplained * whole else None
+        whole, left = np.abs(change - np.nanmedian(middle)), np.abs(change - smooth[:, None])
+        explains = left[told].mean() <= self._unexplained * whole[told].mean()
+        if explains and part is not None and told[part].sum() >= _LEAST_PIXELS:
+            explains = left[part][told[part]].mean() <= _LEFT_ON_PART * whole[part][told[part]].mean()
+        return np.asarray(smooth, np.float64) if explains else None
+
+
+def _cells(image: ByteImage, around: Box | None) -> tuple[slice, slice] | None:
+    """The rows and columns that are compared inside a box (x0, y0, x1, y1) px of an image."""
+    if around is None:
+        return None
+    spans = ((around[1], around[3], image.shape[0], _ROWS), (around[0], around[2], image.shape[1], _COLUMNS))
+    rows, columns = (
+        slice(max(low, 0) // _step(length, count), max(high, 0) // _step(length, count))
+        for low, high, length, count in spans
+    )
+    return rows, columns
 
 
 def _first(length: int, count: int) -> int:

@@ -46,7 +46,8 @@ class FrameTimes:
         """Before a new track."""
         self._last: float | None = None
         self._is_timed = self._is_assumed = False
-        self._before: float | None = None
+        # The last step, and as a share of what was usual then.
+        self._before, self._of_usual = 0.0, 1.0
         self._intervals: deque[float] = deque(maxlen=_INTERVALS)
 
     def begin(self, frame: Frame) -> None:
@@ -61,25 +62,28 @@ class FrameTimes:
         interval = self._interval_to(frame, usual)
         if interval is None:
             return TimeStep()
-        before = interval if self._before is None else self._before
-        step_before, step = (_steps(one, interval if usual is None else usual) for one in (before, interval))
-        found = TimeStep(step / step_before, step)
         self._intervals.append(interval)
+        usual = interval if usual is None else usual
+        of_usual = interval / usual
+        of_usual = 1.0 if abs(of_usual - 1.0) < _SAME else max(of_usual, _LEAST)
+        step, before, of_usual_before = of_usual * usual, self._before, self._of_usual
+        is_as_before = before == 0.0 or of_usual == of_usual_before == 1.0
+        found = TimeStep(1.0 if is_as_before else step / before, of_usual)
         # How far the part went in a long time says nothing of the next step.
-        self._before = usual if found.is_long else interval
+        self._before, self._of_usual = (usual, 1.0) if found.is_long else (step, of_usual)
         return found
 
     def _interval_to(self, frame: Frame | UnreadableFrame, usual: float | None) -> float | None:
         """Since the frame before; the usual one where the frame has no time of its own, None if that is not known."""
         last, now = self._last, self._time_of(frame)
-        if now is None:
-            if last is not None and usual is not None and isinstance(frame, UnreadableFrame):
+        if last is None or now is None or now == last:
+            if last is not None and usual is not None:
                 self._last, self._is_assumed = last + usual, True
             return usual
         # Images that cannot be read may take no time at all, so that what was assumed is later than what is.
-        is_told = last is not None and now != last and not (self._is_assumed and now < last)
+        is_told = not (self._is_assumed and now < last)
         self._last, self._is_assumed = now, False
-        return abs(now - last) if is_told and last is not None else usual  # backwards is a motion, too
+        return abs(now - last) if is_told else usual  # backwards is a motion, too
 
     def _time_of(self, frame: Frame | UnreadableFrame) -> float | None:
         if not self._is_timed:
@@ -90,8 +94,3 @@ class FrameTimes:
 def _is_known(time_s: float | None) -> bool:
     return time_s is not None and math.isfinite(time_s)
 
-
-def _steps(interval: float, usual: float) -> float:
-    """How many usual steps an interval is."""
-    steps = interval / usual
-    return 1.0 if abs(steps - 1.0) < _SAME else max(steps, _LEAST)

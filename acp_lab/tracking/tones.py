@@ -21,6 +21,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, writable
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.bands import Bands
+from acp_lab.tracking.frame_view import Box
 
 _PIXELS = 5000
 """Of a frame that are compared."""
@@ -74,16 +75,19 @@ class Tones:
         self._before: _Sample | None = None
         self._curves: FloatArray | None = None
 
-    def preview(self, frame: Frame) -> Frame:
+    def preview(self, frame: Frame, around: Box | None = None) -> Frame:
         """What `steady` would give next; changes nothing."""
         kept = self._before, self._curves, self._bands.before
-        seen = self.steady(frame)
+        seen = self.steady(frame, around)
         self._before, self._curves, self._bands.before = kept
         return seen
 
-    def steady(self, frame: Frame) -> Frame:
-        """The frame in the tones before a sudden change of light, and without bands of it, or as it is."""
-        frame = self._bands.steady(frame)
+    def steady(self, frame: Frame, around: Box | None = None) -> Frame:
+        """The frame in the tones before a sudden change of light, and without bands of it, or as it is.
+
+        around: (x0, y0, x1, y1) px, where the part is expected.
+        """
+        frame = self._bands.steady(frame, around)
         now = _some_pixels(frame.image)
         before, self._before = self._before, now
         if self._curves is not None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from acp_lab.cad.part import box_corners
 from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.errors import PreparationError, SequenceError, TrackingError, check_kind
 from acp_lab.geometry.arrays import FloatArray
@@ -26,7 +27,7 @@ from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.frame_view import LEAST_PART_PX
+from acp_lab.tracking.frame_view import LEAST_PART_PX, Box, crop_box
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.magnification import MagnifyingGlass
 from acp_lab.tracking.method import ACP, Method, method_named
@@ -83,6 +84,7 @@ class Tracker:
         self._finder = LateFinder(model)
         self._assessment = Assessment(model.part, self.method)
         self._whereabouts = Whereabouts(model, self.method, self._assessment, self._finder)
+        self._corners_obj = box_corners(model.part)
         self._times = FrameTimes()
         self._shown = ShownPicture(model.part, self.method.margin_px)
         self._forget()
@@ -131,7 +133,7 @@ class Tracker:
         self._forget()
         self.solver.records_steps = self.records_steps
         pose, as_given = np.array(cam_T_obj, np.float64), frame
-        frame = self._steady(frame, clock)
+        frame = self._steady(frame, pose, clock)
         self.solver.magnify(frame.camera, pose)
         self._pursuit.region = self._first_region(pose)
         seen = self._pursuit.look(frame, pose, clock)
@@ -193,7 +195,7 @@ class Tracker:
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         if self._shown.is_again_in(frame):
             pursuit.predictor.repeat()
-        as_given, frame = frame, self._steady(frame, clock)
+        as_given, frame = frame, self._steady(frame, self.predicted, clock)
         self.solver.magnify(frame.camera, self.predicted)
         proposals, other = whereabouts.proposals(frame, clock), None
         if proposals:
@@ -272,7 +274,7 @@ class Tracker:
         """
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
-            frame = self._tones.preview(frame)
+            frame = self._tones.preview(frame, self._box_at(frame, prior))
         glass, self.solver.glass = self.solver.glass, MagnifyingGlass(None)
         try:
             return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
@@ -356,14 +358,17 @@ class Tracker:
             return None
         return best
 
-    def _steady(self, frame: Frame, clock: Stopwatch) -> Frame:
-        """The frame without a sudden change of light."""
+    def _steady(self, frame: Frame, expected: FloatArray, clock: Stopwatch) -> Frame:
+        """The frame without a sudden change of light; expected: (4, 4) the pose around which that is looked at most."""
         if self._tones is None:
             return frame
         clock.lap()
-        steady = self._tones.steady(frame)
+        steady = self._tones.steady(frame, self._box_at(frame, expected))
         clock.image_s += clock.lap()
         return steady
+
+    def _box_at(self, frame: Frame, pose: FloatArray) -> Box | None:
+        return crop_box(self._corners_obj, pose, frame.camera, 0.0)
 
     def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()

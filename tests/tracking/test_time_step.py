@@ -100,6 +100,27 @@ def test_after_a_gap_a_frame_without_a_time_of_its_own_is_a_usual_step_away(unkn
     assert found == [USUAL, USUAL, TimeStep(3.0, 3.0), TimeStep(1.0 / 3.0, 1.0)]
 
 
+@given(st.lists(st.floats(0.002, 0.3), min_size=2, max_size=60))
+def test_steps_follow_from_one_another_whatever_the_times(intervals_s: list[float]) -> None:
+    """A motion that nobody sees neither grows nor fades by being told of times again and again."""
+    times, times_s = FrameTimes(), np.cumsum([0.0, *intervals_s])
+    times.begin(Frame(0, BLACK, CAMERA, 0.0))
+    found = [times.step_to(Frame(0, BLACK, CAMERA, float(time_s))) for time_s in times_s[1:]]
+    assert np.isfinite(found).all()
+    if not any(step.is_long for step in found):
+        told = np.prod([step.of_last for step in found])
+        # Those much shorter than usual count as half of that, those about usual as usual.
+        assert told < 1.5 * max(intervals_s) / min(intervals_s)
+        assert told > min(intervals_s) / max(intervals_s) / 1.5
+
+
+@pytest.mark.parametrize("unknown", [None, float("nan"), 3.0])
+def test_a_frame_without_a_time_is_counted_once(unknown: float | None) -> None:
+    times = FrameTimes()
+    times.begin(Frame(0, BLACK, CAMERA, 0.0))
+    assert {times.step_to(Frame(0, BLACK, CAMERA, time_s)) for time_s in (1.0, 2.0, 3.0, unknown, 5.0)} == {USUAL}
+
+
 def test_after_a_long_pause_a_step_is_a_usual_one_again() -> None:
     found = steps(0, 1, 2, 3, 1003, 1004)
     assert found[3].is_long
