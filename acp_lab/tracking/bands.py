@@ -59,7 +59,8 @@ class Bands:
     def steady(self, frame: Frame, around: Box | None = None) -> Frame:
         """The frame in the light of the one before where that came in bands, or as it is.
 
-        around: (x0, y0, x1, y1) px, where the part is expected.
+        around: (x0, y0, x1, y1) px, where the part is expected, with as little ground as may be: what a ground that
+            goes by seems to say of the light is not so there.
         """
         now, before = _some_rows(frame.image), self.before
         self.before = now

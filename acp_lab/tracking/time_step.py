@@ -93,4 +93,3 @@ class FrameTimes:
 
 def _is_known(time_s: float | None) -> bool:
     return time_s is not None and math.isfinite(time_s)
-

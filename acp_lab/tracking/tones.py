@@ -85,7 +85,7 @@ class Tones:
     def steady(self, frame: Frame, around: Box | None = None) -> Frame:
         """The frame in the tones before a sudden change of light, and without bands of it, or as it is.
 
-        around: (x0, y0, x1, y1) px, where the part is expected.
+        around: (x0, y0, x1, y1) px, where the part is expected; see `Bands.steady`.
         """
         frame = self._bands.steady(frame, around)
         now = _some_pixels(frame.image)

@@ -368,7 +368,12 @@ class Tracker:
         return steady
 
     def _box_at(self, frame: Frame, pose: FloatArray) -> Box | None:
-        return crop_box(self._corners_obj, pose, frame.camera, 0.0)
+        """The middle of the part's box at a pose (4, 4), half as wide and high: more of that is part than ground."""
+        box = crop_box(self._corners_obj, pose, frame.camera, 0.0)
+        if box is None:
+            return None
+        x0, y0, x1, y1 = box
+        return (3 * x0 + x1) // 4, (3 * y0 + y1) // 4, (x0 + 3 * x1) // 4, (y0 + 3 * y1) // 4
 
     def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()
