@@ -11,6 +11,7 @@ import pytest
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage
+from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.bands import Bands, _brighten, _copy
 from acp_lab.tracking.method import ACP
@@ -178,3 +179,28 @@ def test_a_tracker_sees_frames_without_bands() -> None:
         assert seen is not None
         changes[least] = off(seen.view.image, first.image)
     assert changes[CONFIG.band_least] < 0.5 * changes[100.0]
+
+
+def test_a_tracker_asks_the_middle_of_the_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, model = sample_scene(), sample_model()
+    first, second = (frame for frame in scene.frames(2) if isinstance(frame, Frame))
+    truths = [scene.truth(number, 1) for number in (0, 1)]
+    asked: list[tuple[int, int, int, int]] = []
+
+    def steady(self: Bands, frame: Frame, around: tuple[int, int, int, int] | None = None) -> Frame:
+        assert around is not None
+        asked.append(around)
+        return frame
+
+    monkeypatch.setattr(Bands, "steady", steady)
+    tracker = Tracker(model)
+    assert truths[0] is not None
+    tracker.start(first, truths[0])
+    tracker.track(second)
+    for (x0, y0, x1, y1), truth in zip(asked, truths, strict=True):
+        assert truth is not None
+        shown = first.camera.project(transform(truth, model.part.vertices))
+        low, high = shown.min(0), shown.max(0)
+        assert (low < (x0, y0)).all()
+        assert (high > (x1, y1)).all()
+        assert (np.array([x1 - x0, y1 - y0]) > 0.4 * (high - low)).all()
