@@ -30,6 +30,7 @@ from benchmarks.told_wrong import (  # noqa: E402
     Told,
     ToldRun,
     TrueFrame,
+    as_taken,
     follow,
     main_of_recalls,
     true_frames,
@@ -69,7 +70,7 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[ToldRun]:
     metric, seed = PartMetric(model.part), [0, scene.scene_id, scene.object_ids[0]]
     for name in LEFT_OUT:
         left = [frames[number] for number in kept(name, len(frames), np.random.default_rng(seed))]
-        for suffix, told in (("", _told(left)), (", untold", _numbered_anew(left))):
+        for suffix, told in (("", as_taken(left)), (", untold", _numbered_anew(left))):
             if name == "none" and suffix:
                 continue  # nothing to tell
             for start in STARTS_TOLD:
@@ -77,13 +78,9 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[ToldRun]:
                 yield ToldRun(name + suffix, start, errors, np.zeros(0))
 
 
-def _told(frames: Sequence[TrueFrame]) -> list[Told]:
-    return [Told(one.frame, one.truth, one.counts) for one in frames]
-
-
 def _numbered_anew(frames: Sequence[TrueFrame]) -> list[Told]:
     return [
-        replace(one, frame=replace(one.frame, index=number, time_s=None)) for number, one in enumerate(_told(frames))
+        replace(one, frame=replace(one.frame, index=number, time_s=None)) for number, one in enumerate(as_taken(frames))
     ]
 
 

@@ -30,9 +30,9 @@ from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
 from benchmarks.told_wrong import (  # noqa: E402
     STARTS_TOLD,
-    Told,
     ToldRun,
     TrueFrame,
+    as_taken,
     follow,
     main_of_recalls,
     true_frames,
@@ -63,7 +63,7 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[ToldRun]:
     assert isinstance(method.tones, ToneMatching)
     as_they_are = replace(method, tones=replace(method.tones, band_least=100.0))
     for name, (share, bands) in LIGHT.items():
-        lit = _lit(frames, share, bands)
+        lit = as_taken(_lit(frames, share, bands))
         for suffix, one in (("", method), (", as they are", as_they_are)):
             if suffix and not bands:
                 continue
@@ -71,10 +71,8 @@ def _runs(scene: BopScene, parts: Path, method: Method) -> Iterator[ToldRun]:
                 yield ToldRun(name + suffix, start, follow(lit, Tracker(model, one), metric, start, seed), np.zeros(0))
 
 
-def _lit(frames: Sequence[TrueFrame], share: float, bands: float) -> list[Told]:
-    if share == 0.0:
-        return [Told(one.frame, one.truth, one.counts) for one in frames]
-    return [Told(banded(one.frame, number, share, bands), one.truth, one.counts) for number, one in enumerate(frames)]
+def _lit(frames: Sequence[TrueFrame], share: float, bands: float) -> list[TrueFrame]:
+    return [replace(one, frame=banded(one.frame, number, share, bands)) for number, one in enumerate(frames)]
 
 
 if __name__ == "__main__":

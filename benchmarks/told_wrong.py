@@ -140,6 +140,11 @@ def true_frames(scene: BopScene) -> list[TrueFrame]:
     return true[next(number for number, one in enumerate(true) if one.counts) :]
 
 
+def as_taken(frames: Iterable[TrueFrame]) -> list[Told]:
+    """Frames of which nothing is told wrong."""
+    return [Told(one.frame, one.truth, one.counts) for one in frames]
+
+
 def follow(told: Sequence[Told], tracker: Tracker, metric: PartMetric, start: str, seed: Sequence[int]) -> FloatArray:
     """ADD(-S) as a share of the diameter, of the frames that count but for the first; start: one of `STARTS`."""
     rng = np.random.default_rng(seed)

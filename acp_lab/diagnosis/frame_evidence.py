@@ -155,9 +155,9 @@ class PartObserver:
         return EdgeEvidence(ids[inside], points, normals, scores.max(1), contrasts, sides, rivals, outside, reach)
 
     def reach_px(self, camera: Camera, cam_T_obj: FloatArray) -> int:
-        """How far `acp`'s first level searches, px of the frame: less for a part that appears small, more for a large.
+        """How far `acp`'s first level searches, px of the frame, for a part that it first sees at a pose (4, 4).
 
-        At a distance at which it is first seen.
+        Less for one that appears small, more for a large one.
         """
         size_px, times = self._looked_at(camera, cam_T_obj)
         return round(PixelSchedule().at(times * size_px)[0].reach_px / times)

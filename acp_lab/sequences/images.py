@@ -110,10 +110,9 @@ class ImageFolder(_OwnImages):
     """The images of a folder, in natural order of their names: 2.png before 10.png.
 
     Names that begin with a dot are passed over: they are hidden, and those of macOS hold no pictures. Frames have times
-    where the names are such, see `image_times.times_of`. A pixels.json
-    among the images says how their values are meant (`PixelCoding`); `coding` overrules it. Raises
-    InputFileError for a folder that is missing, a first image that cannot be read or is not of the
-    camera's size, SequenceError for a folder without images.
+    where all names are Unix times, see `image_times.times_of`. A pixels.json among the images says how their values are
+    meant (`PixelCoding`); `coding` overrules it. Raises InputFileError for a folder that is missing, a first image that
+    cannot be read or is not of the camera's size, SequenceError for a folder without images.
     """
 
     def __init__(self, folder: str | Path, camera: Camera, coding: PixelCoding | None = None) -> None:

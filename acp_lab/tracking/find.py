@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from acp_lab.control_points.canonical_frame import eye_position
@@ -82,6 +81,9 @@ class _Looked:
             return candidate
         evidence = candidate.evidence
         return replace(candidate, evidence=replace(evidence, size_px=evidence.size_px / self.times))
+
+
+_HALVED = MagnifyingGlass.of(0.5)
 
 
 class Finder:
@@ -211,7 +213,7 @@ class Finder:
         size_px = self.model.part.diameter * halves[0].camera.fx / depth
         fold = max(0, int(np.log2(max(size_px, 1.0) / _LARGE_PX)))
         while len(halves) <= fold:
-            halves.append(_halved(halves[-1]))
+            halves.append(_HALVED.frame(halves[-1]))
             yield RESIZE_WORK * halves[-2].image.size
         frame = halves[fold]
         region = self._solver.choose_region(pose)
@@ -277,13 +279,6 @@ def _magnifying(frame: Frame, glass: MagnifyingGlass, box: tuple[int, int, int, 
         x0, y0, x1, y1 = box or (0, 0, magnified.camera.width, magnified.camera.height)
         yield RESIZE_WORK * 3.0 * (x1 - x0) * (y1 - y0)
     return magnified
-
-
-def _halved(frame: Frame) -> Frame:
-    camera = frame.camera.halved()
-    even = frame.image[: 2 * camera.height, : 2 * camera.width]
-    small = cv2.resize(even, (camera.width, camera.height), interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
-    return replace(frame, image=small, camera=camera)
 
 
 def shared_scores(candidates: Sequence[Candidate]) -> list[float]:

@@ -78,8 +78,8 @@ class PoseKalman:
         # Of the next frame, as predicted: pose (4, 4), velocity (6,), covariance (12, 12) of both.
         self._pose, self._velocity, self._covariance = np.eye(4), np.zeros(6), np.eye(12)
         self._information: FloatArray | None = None
-        # Of the last frame, which these were predicted from: the same three, and the share of a usual step to the next.
-        self._from, self._of_usual = (self._pose, self._velocity, self._covariance), 1.0
+        # Of the last frame, (12, 12), which that was predicted from, over a step of so much of the usual one.
+        self._posterior, self._of_usual = self._covariance, 1.0
         # The pose predicted before it was known that the next frame repeats the last picture.
         self._ahead: FloatArray | None = None
 
@@ -179,12 +179,11 @@ class PoseKalman:
         if step.is_long:
             self.restart(self._last)
             return
-        pose, velocity, covariance = self._from
         by = np.ones(12)
         by[6:] = step.of_last
-        self._go_on(pose, step.of_last * velocity, by[:, None] * covariance * by, step.of_usual)
+        self._go_on(self._last, step.of_last * self._velocity, by[:, None] * self._posterior * by, step.of_usual)
         if step.of_usual > 1.0:
-            self._coasted = move_pose(pose, self._centre_obj, (1.0 - 1.0 / step.of_usual) * self._velocity)
+            self._coasted = move_pose(self._last, self._centre_obj, (1.0 - 1.0 / step.of_usual) * self._velocity)
 
     def repeat(self) -> None:
         """The next frame shows the last one's picture again: the part is expected where it was, with what smear it had.
@@ -210,7 +209,7 @@ class PoseKalman:
             return
         if stays:
             self._last, self._pose, self._information, self._coasted = cam_T_obj, np.empty((4, 4)), None, None
-            self._from, self._of_usual = (cam_T_obj, self._velocity, covariance), 1.0
+            self._posterior, self._of_usual = covariance, 1.0
             move(plain(cam_T_obj), self._centre_obj, self._velocity, self._pose)
             self._covariance = covariance.copy()
             self._covariance[:6, :6] += np.outer(self._velocity, self._velocity)
@@ -248,7 +247,7 @@ class PoseKalman:
         variance[3:] = self._widening * (config.shift_mm**2 + share**2 * shifting)
         # White noise of the acceleration: the variance of a velocity grows with the time, and here it is per step.
         variance *= of_usual**3
-        self._from, self._of_usual = (cam_T_obj, velocity, covariance), of_usual
+        self._posterior, self._of_usual = covariance, of_usual
         self._last, self._velocity, self._ahead, self._coasted = cam_T_obj, velocity, None, None
         self._pose, self._covariance, self._information = np.empty((4, 4)), np.empty((12, 12)), None
         move(plain(cam_T_obj), self._centre_obj, velocity, self._pose)

@@ -43,10 +43,10 @@ class FrameTimes:
         self.forget()
 
     def forget(self) -> None:
-        """Before a new track."""
+        """No frame is known."""
         self._last: float | None = None
         self._is_timed = self._is_assumed = False
-        # The last step, and as a share of what was usual then.
+        # The last step, 0 before there was one, and as a share of what was usual then.
         self._before, self._of_usual = 0.0, 1.0
         self._intervals: deque[float] = deque(maxlen=_INTERVALS)
 

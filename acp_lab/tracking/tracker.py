@@ -274,7 +274,7 @@ class Tracker:
         """
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
-            frame = self._tones.preview(frame, self._box_at(frame, prior))
+            frame = self._tones.preview(frame, self._middle_at(frame, prior))
         glass, self.solver.glass = self.solver.glass, MagnifyingGlass(None)
         try:
             return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
@@ -289,7 +289,6 @@ class Tracker:
         if self._tones is not None:
             self._tones.forget()
         self._shown.forget()
-        self._times.forget()
         self._started = self._trusted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 
@@ -359,16 +358,16 @@ class Tracker:
         return best
 
     def _steady(self, frame: Frame, expected: FloatArray, clock: Stopwatch) -> Frame:
-        """The frame without a sudden change of light; expected: (4, 4) the pose around which that is looked at most."""
+        """The frame without a sudden change of light or bands of it; expected: (4, 4) the pose of the part there."""
         if self._tones is None:
             return frame
         clock.lap()
-        steady = self._tones.steady(frame, self._box_at(frame, expected))
+        steady = self._tones.steady(frame, self._middle_at(frame, expected))
         clock.image_s += clock.lap()
         return steady
 
-    def _box_at(self, frame: Frame, pose: FloatArray) -> Box | None:
-        """The middle of the part's box at a pose (4, 4), half as wide and high: more of that is part than ground."""
+    def _middle_at(self, frame: Frame, pose: FloatArray) -> Box | None:
+        """The middle of the part's box at a pose (4, 4), half as wide and high: there it is mostly part."""
         box = crop_box(self._corners_obj, pose, frame.camera, 0.0)
         if box is None:
             return None
