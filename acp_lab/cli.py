@@ -76,7 +76,11 @@ def prepare(
     unit: Annotated[Unit, typer.Option(help="Of the numbers in PLY, OBJ and STL files.")] = Unit.MM,
     edge_break: Annotated[
         float | None,
-        typer.Option(min=0, help="Size of the part's broken edges in mm; 0.25 if not given.", metavar="MM"),
+        typer.Option(
+            min=0,
+            help="Size of the part's broken edges in mm; 0.25 if not given, in proportion beyond 60 to 160 mm.",
+            metavar="MM",
+        ),
     ] = None,
     edges: Annotated[
         EdgeSource, typer.Option(help="What the auto-encoder learns: the mesh's edges, or Canny on rendered normals.")

@@ -30,6 +30,7 @@ from acp_lab.generator.visibility import RegionNetwork
 from acp_lab.locks import only_writer
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import (
+    DEFAULT_EDGE_BREAK_MM,
     FORMAT_VERSION,
     UNSEALED_VERSION,
     PreparedPart,
@@ -121,7 +122,8 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
 
 def _with_edges(part: Part, seed: int) -> PreparedPart:
     begin_s = time.process_time()
-    return PreparedPart(part, sample_edges(part), seed=seed).took("edges", time.process_time() - begin_s)
+    edge_break_mm = part.times_usual * DEFAULT_EDGE_BREAK_MM
+    return PreparedPart(part, sample_edges(part), edge_break_mm, seed).took("edges", time.process_time() - begin_s)
 
 
 def _without(cpu_s: Mapping[str, float], stage: str) -> dict[str, float]:

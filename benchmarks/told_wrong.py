@@ -145,10 +145,15 @@ def as_taken(frames: Iterable[TrueFrame]) -> list[Told]:
     return [Told(one.frame, one.truth, one.counts) for one in frames]
 
 
-def follow(told: Sequence[Told], tracker: Tracker, metric: PartMetric, start: str, seed: Sequence[int]) -> FloatArray:
-    """ADD(-S) as a share of the diameter, of the frames that count but for the first; start: one of `STARTS`."""
-    rng = np.random.default_rng(seed)
-    tracker.start(told[0].frame, disturb_pose(told[0].best, tracker.part.box_centre, *STARTS[start], rng))
+def follow(
+    told: Sequence[Told], tracker: Tracker, metric: PartMetric, start: str, seed: Sequence[int], times: float = 1.0
+) -> FloatArray:
+    """ADD(-S) as a share of the diameter, of the frames that count but for the first.
+
+    start: one of `STARTS`; times: by which its mm are multiplied.
+    """
+    rng, (angle_deg, shift_mm) = np.random.default_rng(seed), STARTS[start]
+    tracker.start(told[0].frame, disturb_pose(told[0].best, tracker.part.box_centre, angle_deg, times * shift_mm, rng))
     errors = list[float]()
     for one in told[1:]:
         result = tracker.track(one.frame)

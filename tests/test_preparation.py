@@ -107,6 +107,12 @@ def test_templates_alone(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.templates.packed, model.templates.packed)
 
 
+@pytest.mark.parametrize(("size", "times"), [(30.0, 0.5), (320.0, 2.0)])
+def test_edges_of_small_and_large_parts_are_expected_to_be_broken_in_proportion(size: float, times: float) -> None:
+    part = box((0.6 * size, 0.8 * size, 1e-3 * size))
+    assert prepare(part, generator="templates").edge_break_mm == pytest.approx(times * DEFAULT_EDGE_BREAK_MM, rel=1e-3)
+
+
 def test_the_folder_may_be_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in the README."""
     monkeypatch.chdir(tmp_path)

@@ -33,6 +33,8 @@ __all__ = ["Part", "PartInfo", "Symmetries", "clean_mesh", "largest_distance", "
 SMALLEST_DIAMETER = 3.0
 """mm; below it a file in metres is likelier than a part that a camera could track."""
 LARGEST_DIAMETER = 5000.0
+USUAL_DIAMETERS = 60.0, 160.0
+"""mm; what is told in mm for parts in general, such as how far edges are broken, is told for these."""
 MOST_FACES = 2_000_000
 """Of a mesh file: they take some 2 GB and half a minute, and no camera sees so fine."""
 DIAMETER_TOLERANCE = 0.02
@@ -78,6 +80,12 @@ class Part:
     def box_size(self) -> FloatArray:
         """(3,) mm."""
         return self.box_max - self.box_min
+
+    @property
+    def times_usual(self) -> float:
+        """How many times as large as usual parts, see USUAL_DIAMETERS: below 1 for smaller ones, 1 for one of these."""
+        least, most = USUAL_DIAMETERS
+        return self.diameter / min(max(self.diameter, least), most)
 
     @cached_property
     def radius(self) -> float:

@@ -31,8 +31,11 @@ from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, header_bytes
 from acp_lab.prepared_part.options import PrepareOptions
 from acp_lab.prepared_part.trained import RegionReport, RegressionValues, Trained
 
-# Chosen by measuring on sequences with and without broken edges, see docs/benchmark-parts.md.
 DEFAULT_EDGE_BREAK_MM = 0.25
+"""Of a part of usual size, see `cad.part.USUAL_DIAMETERS`; `prepare` takes it in proportion for others.
+
+Chosen by measuring on sequences with and without broken edges, see docs/benchmark-parts.md.
+"""
 
 
 @dataclass(frozen=True)

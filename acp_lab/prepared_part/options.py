@@ -27,7 +27,8 @@ class PrepareOptions:
         fast: less training, for lessons and tests.
         regions: view regions 0..5 to train, stored in ascending order; None for all. Others fall back to the
             templates; the auto-encoder has none to fall back to.
-        edge_break_mm: how far the real part's edges are broken; None for what the folder holds, else 0.25.
+        edge_break_mm: how far the real part's edges are broken; None for what the folder holds, else 0.25 for
+            parts of usual size, `cad.part.USUAL_DIAMETERS`, and in proportion for others.
         edge_source: what the auto-encoder learns to paint: the mesh's "analytic" edges, or rendered "normals"
             through Canny, as the paper's authors did; those know no broken edges.
         seed: of all random choices, 0 or more.

@@ -94,7 +94,7 @@ def _in_frame(
     outline = facing(truth.edges, eye_position(pose)).outline[rows]
     offsets = candidates.offsets
     if profiles is not None:
-        views = EdgeViews(truth.edges, rows, outline, pose, frame.camera.fx)
+        views = EdgeViews(truth.edges, rows, outline, pose, frame.camera.fx, truth.part.times_usual)
         told = profiles.read(patch, at.points, at.normals, candidates, views, REACH_PX, 0.0)
         points_cam = transform(pose, truth.edges.points_obj[rows])
         centre_cam = transform(pose, truth.part.box_centre)

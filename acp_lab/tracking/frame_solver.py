@@ -27,6 +27,7 @@ from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge
 from acp_lab.tracking.magnification import MagnifyingGlass, appears_px
 from acp_lab.tracking.method import Method, Schedule
 from acp_lab.tracking.motions import Motion
+from acp_lab.tracking.part_size import for_size
 from acp_lab.tracking.pose_descent import pose_level
 from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import EVERY_SAMPLE, Level, PixelSchedule, scaled
@@ -57,11 +58,11 @@ class FrameSolver:
         """PreparationError when the part lacks the generator that the method needs."""
         self.part = model.part
         self.edge_break_mm = model.edge_break_mm
-        self.method = method
+        self.method = for_size(method, model.part.times_usual)
         self.source = method.open_source(model)
         self.control_points_obj = method.control_points_of(model, self.source.regions)
         self.records_steps = False
-        magnification = method.magnification
+        magnification = self.method.magnification
         self.glass = MagnifyingGlass(None if isinstance(magnification, Off) else magnification)
         self._model = model
         self._lifter = EdgeLifter(model.part, model.edges)

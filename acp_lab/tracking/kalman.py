@@ -29,7 +29,7 @@ _STAYED = 0.3
 
 @dataclass(frozen=True)
 class KalmanPrediction:
-    """Configuration: constant velocity, with its uncertainty.
+    """Configuration: constant velocity, with its uncertainty. mm are of parts of usual size, see `part_size`.
 
     Attributes:
         turn_deg, shift_mm: standard deviation of the acceleration, per frame and frame.
@@ -44,6 +44,7 @@ class KalmanPrediction:
 
     kind: ClassVar[str] = "kalman"
     weighs_images: ClassVar[bool] = True
+    in_mm: ClassVar[tuple[str, ...]] = ("shift_mm", "first_shift_mm")
     turn_deg: float = 0.7
     shift_mm: float = 1.5
     speed_share: float = 0.2

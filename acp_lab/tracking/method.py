@@ -22,7 +22,8 @@
 `acp-paper-literal` is without them. The two ablations of Table III are `acp-paper` with one part changed.
 `acp-paper-samples` reads no positions off the painted image: it gates the CAD's own edge samples. Any other sum of
 parts is a method too, by `dataclasses.replace` or from a TOML file (`method_file`). Parts that do not fit together are
-refused; a setting that another part makes idle is not, such as `learning.offsets.break_share` beside profiles.
+refused; a setting that another part makes idle is not, such as `learning.offsets.break_share` beside profiles. Settings
+in mm are for CAD parts of 60 to 160 mm, and taken in proportion for others (`part_size`).
 """
 
 from __future__ import annotations

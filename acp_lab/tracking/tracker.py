@@ -73,9 +73,9 @@ class Tracker:
         """
         check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
         self.model = model
-        self.method = method_named(method) if isinstance(method, str) else method
         self.part = model.part
-        self.solver = FrameSolver(model, self.method)
+        self.solver = FrameSolver(model, method_named(method) if isinstance(method, str) else method)
+        self.method = self.solver.method
         self._pursuit = Pursuit(self.solver)
         self.records_steps = False
         self.records_target = False

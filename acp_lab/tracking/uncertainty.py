@@ -26,7 +26,7 @@ from acp_lab.geometry.pose_kernels import invert
 
 @dataclass(frozen=True)
 class PoseUncertainty:
-    """Configuration: the terms of the covariance.
+    """Configuration: the terms of the covariance. mm are of parts of usual size, see `part_size`.
 
     Attributes:
         image: multiple of the variance that the solve alone would give.
@@ -36,6 +36,7 @@ class PoseUncertainty:
     """
 
     kind: ClassVar[str] = "calibrated"
+    in_mm: ClassVar[tuple[str, ...]] = ("outline_mm", "crease_mm")
     image: float = 2.9
     outline_mm: float = 0.18
     crease_mm: float = 5.0

@@ -18,7 +18,7 @@ from acp_lab.geometry.pose_step import move_pose, pose_step_between
 from acp_lab.tracking.frame_view import View
 from acp_lab.tracking.learning.knowledge import Matches
 
-# Sizes of a start's error that are thought of, mm: from nothing to where no start is.
+# Sizes of a start's error that are thought of, mm: from nothing to where no start of a usual part is.
 _ERRORS_MM = np.geomspace(0.03, 30.0, 25)
 # How far away another pose that looks alike lies, in radii of the part, and how probable it is that the image shows it.
 _ELSEWHERE, _LOOKS_ALIKE = 0.33, 0.05
@@ -44,7 +44,8 @@ def weighed_start(
     error = pose_step_between(view.prior, found, part.box_centre)
     _, elsewhere = _explained((_ELSEWHERE * part.radius) ** 2 * unit, image, error)
     taken, total = np.zeros(6), 0.0
-    for error_mm, probability in zip(_ERRORS_MM, _size_probabilities(matches, unit, agreement), strict=True):
+    errors_mm = part.times_usual * _ERRORS_MM
+    for error_mm, probability in zip(errors_mm, _size_probabilities(matches, unit, errors_mm, agreement), strict=True):
         start = error_mm**2 * unit
         step, likelihood = _explained(start, image, error)
         taken = taken + probability * likelihood * step
@@ -64,13 +65,15 @@ def _explained(start: FloatArray, image: FloatArray, error: FloatArray) -> tuple
     return start @ np.linalg.solve(root.T, normalised), likelihood
 
 
-def _size_probabilities(matches: Matches, unit: FloatArray, agreement: float | None) -> FloatArray:
-    """How probable each of `_ERRORS_MM` is, by how much less the frame agrees with the start than with the best."""
+def _size_probabilities(
+    matches: Matches, unit: FloatArray, errors_mm: FloatArray, agreement: float | None
+) -> FloatArray:
+    """How probable each size of the error is, by how much less the frame agrees with the start than with the best."""
     if agreement is None:
-        return np.ones(len(_ERRORS_MM))
+        return np.ones(len(errors_mm))
     rows = matches.jacobian
     px_per_mm = np.sqrt(np.einsum("ni,ij,nj->n", rows, unit, rows).mean())
-    expected = _LEAST_AGREEMENT + (1.0 - _LEAST_AGREEMENT) / (1.0 + (px_per_mm * _ERRORS_MM / _HALF_PX) ** 2)
+    expected = _LEAST_AGREEMENT + (1.0 - _LEAST_AGREEMENT) / (1.0 + (px_per_mm * errors_mm / _HALF_PX) ** 2)
     found: FloatArray = np.exp(-0.5 * ((min(agreement, 1.0) - expected) / _AGREEMENT_SCATTER) ** 2)
     return found + 1e-6
 

@@ -81,7 +81,7 @@ def examples_of(stills: Stills) -> Examples:
             continue
         (left, top), (right, bottom) = (found.points.min(0) - _ROOM_PX).astype(int), found.points.max(0) + _ROOM_PX
         patch = image_patch(image, (left, top, int(right), int(bottom)), _SEARCH)
-        seen_as = EdgeViews(edges, found.sample_ids, found.outline, pose, camera.fx)
+        seen_as = EdgeViews(edges, found.sample_ids, found.outline, pose, camera.fx, part.times_usual)
         points_cam, centre_cam = transform(pose, edges.points_obj[found.sample_ids]), transform(pose, part.box_centre)
         directions = image_directions(points_cam, found.normals, camera)
         jacobian = step_jacobian(points_cam, directions, centre_cam)

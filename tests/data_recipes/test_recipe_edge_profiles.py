@@ -208,7 +208,7 @@ def test_traits_are_those_that_a_tracker_finds() -> None:
         torch.from_numpy(jacobian.astype(np.float32)), torch.zeros(600, dtype=torch.int64), torch.ones(600, dtype=bool),
     )  # fmt: skip
     config = ProfileConfig()
-    traits = EdgeTraits(2, config.evidence_share, config.trait_memory)
+    traits = EdgeTraits(2, config.evidence_share, config.trait_memory, config.trait_shift_mm)
     px = np.array([*[0.1] * 3, *[20.0] * 2, 100.0])  # what is thought of each step beforehand, here 1 px
     slopes, spreads = found[:, 2:].astype(float), np.full(600, 0.2)
     traits.learn(TraitEvidence(-shifts, slopes, spreads, jacobian / px, 500.0, np.zeros(2)))

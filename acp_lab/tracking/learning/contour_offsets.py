@@ -41,7 +41,7 @@ _LEAST_LEFT = 1e-3
 
 @dataclass(frozen=True)
 class OffsetConfig:
-    """How offsets are expected and learnt; lengths in mm.
+    """How offsets are expected and learnt; lengths in mm, of parts of usual size, see `part_size`.
 
     Attributes:
         break_share: of the part's edge break, by which outlines are expected to lie inside the CAD's.
@@ -64,6 +64,9 @@ class OffsetConfig:
     """
 
     kind: ClassVar[str] = "on"
+    in_mm: ClassVar[tuple[str, ...]] = (
+        "known_spread", "cell_spread", "unknown_spread", "inner_spread", "inner_limits", "largest", "follow_noise",
+    )  # fmt: skip
     break_share: float = 0.8
     edge_spread_px: float = 0.3
     known_spread: float = 0.15

@@ -48,28 +48,33 @@ _ROWS = 96
 
 @dataclass(frozen=True)
 class ProfileConfig:
-    """How much profiles say.
+    """How much profiles say. mm are of parts of usual size, see `part_size`.
 
     Attributes:
         largest_px: no edge is moved by more.
         spread_share: of the network's own spread that is taken for the scatter of an edge about its true place.
-        break_share: of a part's edge break beyond the usual one, by which its outlines lie farther inside than their
-            profiles tell.
+        break_share: of a part's edge break beyond the usual one, usual_break_mm, by which its outlines lie farther
+            inside than their profiles tell.
         outline_mm: where outlines of usual parts are expected beside what their profiles tell, outward. The network has
             learnt from rasterised pictures; with this much, frames of path-traced tuning sequences that are solved from
             the true pose are neither too far away nor too near on average.
         evidence_share: how much of what an edge says of the part's traits is new, as neighbours err alike; 0 for a
             usual part, whatever the edges say. See `edge_traits`.
         trait_memory: share of what earlier frames told of the traits that is kept from frame to frame.
+        trait_shift_mm: standard deviation of the shift by which a solved pose may be off where traits are learnt: so
+            large that edges alone tell it.
     """
 
     kind: ClassVar[str] = "on"
+    in_mm: ClassVar[tuple[str, ...]] = ("usual_break_mm", "outline_mm", "trait_shift_mm")
     largest_px: float = 1.5
     spread_share: float = 0.7
     break_share: float = 0.4
+    usual_break_mm: float = DEFAULT_EDGE_BREAK_MM
     outline_mm: float = -0.03
     evidence_share: float = 0.04
     trait_memory: float = 0.7
+    trait_shift_mm: float = 20.0
 
     def __post_init__(self) -> None:
         for name in ("largest_px", "spread_share"):
@@ -78,16 +83,20 @@ class ProfileConfig:
                 raise TrackingError(f"learning.profiles.{name} = {value:g}: give a number above 0, at most 100")
         if not 0.0 <= self.break_share <= 10.0:
             raise TrackingError(f"learning.profiles.break_share = {self.break_share:g}: give 0 to 10")
-        if not abs(self.outline_mm) <= 10.0:
-            raise TrackingError(f"learning.profiles.outline_mm = {self.outline_mm:g}: give mm from -10 to 10")
+        if not abs(self.outline_mm) <= 1000.0:
+            raise TrackingError(f"learning.profiles.outline_mm = {self.outline_mm:g}: give mm from -1000 to 1000")
+        if not 0.0 <= self.usual_break_mm <= 1000.0:
+            raise TrackingError(f"learning.profiles.usual_break_mm = {self.usual_break_mm:g}: give mm from 0 to 1000")
         if not 0.0 <= self.evidence_share <= 1.0:
             raise TrackingError(f"learning.profiles.evidence_share = {self.evidence_share:g}: give 0 to 1")
         if not 0.0 <= self.trait_memory < 1.0:
             raise TrackingError(f"learning.profiles.trait_memory = {self.trait_memory:g}: give 0 to less than 1")
+        if not 1e-6 <= self.trait_shift_mm <= 1e6:
+            raise TrackingError(f"learning.profiles.trait_shift_mm = {self.trait_shift_mm:g}: give mm above 0")
 
     def expected_mm(self, edge_break_mm: float) -> float:
         """Where outlines are expected beside what their profiles tell, outward, before any was measured."""
-        return self.outline_mm - self.break_share * (edge_break_mm - DEFAULT_EDGE_BREAK_MM)
+        return self.outline_mm - self.break_share * (edge_break_mm - self.usual_break_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +107,8 @@ class EdgeViews:
         edges: all samples of the part; ids: (n,) rows of those that are meant.
         outline: (n,) bool, which of these are silhouettes.
         cam_T_obj: (4, 4) mm; focal_px: of the camera.
+        times_usual: of the part, see `Part.times_usual`. The network knows parts of usual size: it is told how large
+            such a part would appear at the same place in the image.
     """
 
     edges: EdgeSamples
@@ -105,6 +116,7 @@ class EdgeViews:
     outline: BoolArray
     cam_T_obj: FloatArray
     focal_px: float
+    times_usual: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +154,8 @@ def describe(
     found = _describe(
         patch.channels, *patch.origin, plain(points), plain(normals), candidates.offsets, candidates.scores,
         edges.points_obj, edges.normals_obj, edges.crease, edges.convex, np.ascontiguousarray(views.ids),
-        np.ascontiguousarray(views.outline), plain(views.cam_T_obj), views.focal_px, _log_light(patch.gamma), sigma_px,
-        least, smear, halves, rows, columns, sides, features,
+        np.ascontiguousarray(views.outline), plain(views.cam_T_obj), views.times_usual * views.focal_px,
+        _log_light(patch.gamma), sigma_px, least, smear, halves, rows, columns, sides, features,
     )  # fmt: skip
     return Profiles(rows[:found], columns[:found], sides, features[:found])
 
@@ -236,7 +248,9 @@ class EdgeProfiles:
         """network: another one than the package's."""
         self.config = config
         self._network = shipped_network() if network is None else network
-        self.traits = EdgeTraits(self._network.traits, config.evidence_share, config.trait_memory)
+        self.traits = EdgeTraits(
+            self._network.traits, config.evidence_share, config.trait_memory, config.trait_shift_mm
+        )
 
     def read(
         self,

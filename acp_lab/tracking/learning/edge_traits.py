@@ -25,9 +25,9 @@ FREEDOM = 3.0
 """Degrees of freedom of Student's distribution, by which edges scatter about where their profiles put them."""
 # Fewer edges tell nothing of what they have in common.
 _LEAST_EDGES = 50
-# How far off a solved pose may be: turns, shifts, share of the distance. So much that edges alone tell the pose step; a
-# pose that was taken for nearly right would hold the traits with which it was found.
-_TURN_DEG, _SHIFT_MM, _DISTANCE_SHARE = 5.7, 20.0, 0.2
+# How far off a solved pose may be, beside its shift: turns, share of the distance. So much that edges alone tell the
+# pose step; a pose that was taken for nearly right would hold the traits with which it was found.
+_TURN_DEG, _DISTANCE_SHARE = 5.7, 0.2
 # An edge that lies farther off is another one.
 _FARTHEST_PX = 2.5
 _ROUNDS = 4
@@ -57,9 +57,9 @@ class TraitEvidence:
 class EdgeTraits:
     """The traits of one tracked part. values: (k,)."""
 
-    def __init__(self, count: int, evidence_share: float, memory: float) -> None:
+    def __init__(self, count: int, evidence_share: float, memory: float, shift_mm: float) -> None:
         """See `edge_profiles.ProfileConfig`; count: k, 0 for a network that knows of none."""
-        self._share, self._memory = evidence_share, memory
+        self._share, self._memory, self._shift_mm = evidence_share, memory, shift_mm
         self.values: FloatArray = np.zeros(count)
         self.forget()
 
@@ -85,7 +85,7 @@ class EdgeTraits:
         # What was told with other traits than those of now, such as before these were forgotten, is taken back as told.
         usual_px = seen.residuals_px - seen.slopes_px @ seen.told_with
         turn, distance_mm = np.radians(_TURN_DEG), _DISTANCE_SHARE * max(seen.depth_mm, 1.0)
-        doubt = 1.0 / np.array([turn, turn, turn, _SHIFT_MM, _SHIFT_MM, distance_mm]) ** 2
+        doubt = 1.0 / np.array([turn, turn, turn, self._shift_mm, self._shift_mm, distance_mm]) ** 2
         matrix, vector = np.empty((6 + count, 6 + count)), np.empty(6 + count)
         edges = _agree(
             usual_px, plain(seen.slopes_px), plain(seen.jacobian), plain(seen.spreads_px), doubt, self._share, matrix,

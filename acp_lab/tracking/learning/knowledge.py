@@ -233,7 +233,9 @@ class SampleKnowledge:
         """
         if self.profiles is None or not self._is_fine(sigma_px):
             return None
-        views = EdgeViews(self.edges, edges.sample_ids, edges.outline, at.cam_T_obj, at.view.camera.fx)
+        views = EdgeViews(
+            self.edges, edges.sample_ids, edges.outline, at.cam_T_obj, at.view.camera.fx, at.view.part.times_usual
+        )
         return self.profiles.read(patch, edges.points, normals, candidates, views, sigma_px, least, blur_px)
 
     def expect(

@@ -61,7 +61,7 @@ def seen_at(pose: FloatArray, camera: Camera = CAMERA) -> tuple[GeneratedEdges, 
     ids = np.flatnonzero(visible_samples(EDGES, make_caster(PART), eye_obj, 0.002 * PART.diameter))[:150]
     outline = facing(EDGES, eye_obj).outline[ids]
     edges = project_samples(EDGES, VisibleSamples(ids, outline, np.ones(len(ids))), pose, camera)
-    return edges, EdgeViews(EDGES, ids, outline, pose, camera.fx)
+    return edges, EdgeViews(EDGES, ids, outline, pose, camera.fx, 1.0)
 
 
 def searched(image: np.ndarray, edges: GeneratedEdges, normals: FloatArray) -> tuple[ImagePatch, Candidates]:
@@ -321,7 +321,7 @@ def test_edges_of_the_sample_lie_nearer_to_the_cads() -> None:
         seen = VisibleSamples(ids, facing(edges, eye_obj).outline[ids], np.ones(len(ids)))
         points = project_samples(edges, seen, pose, frame.camera)
         patch, candidates = searched(frame.image, points, points.normals)
-        views = EdgeViews(edges, ids, points.outline, pose, frame.camera.fx)
+        views = EdgeViews(edges, ids, points.outline, pose, frame.camera.fx, 1.0)
         shifts = EdgeProfiles(ProfileConfig()).read(
             patch, points.points, points.normals, candidates, views, ANY_PX, LEAST
         ).shifts_px  # fmt: skip
@@ -345,7 +345,7 @@ def test_edges_of_the_sample_lie_nearer_to_the_cads() -> None:
 
 @pytest.mark.parametrize("setting", [
         {"largest_px": 0.0}, {"spread_share": -1.0}, {"break_share": 11.0}, {"evidence_share": 1.5},
-        {"trait_memory": 1.0}, {"outline_mm": float("nan")},
+        {"trait_memory": 1.0}, {"outline_mm": float("nan")}, {"usual_break_mm": -0.1}, {"trait_shift_mm": 0.0},
     ], ids=str)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"learning\.profiles\."):

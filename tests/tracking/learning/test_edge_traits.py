@@ -10,7 +10,7 @@ import pytest
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.tracking.learning.edge_traits import EdgeTraits, TraitEvidence, _agree
 
-SPREAD_PX, DEPTH_MM = 0.2, 500.0
+SPREAD_PX, DEPTH_MM, SHIFT_MM = 0.2, 500.0, 20.0
 TRUE = np.array([0.9, -1.1])
 
 
@@ -31,7 +31,7 @@ def evidence(
 
 
 def learnt(*frames: TraitEvidence, share: float = 0.1, memory: float = 0.7) -> EdgeTraits:
-    traits = EdgeTraits(2, share, memory)
+    traits = EdgeTraits(2, share, memory, SHIFT_MM)
     for frame in frames:
         traits.learn(frame)
     return traits
@@ -106,7 +106,7 @@ def test_edges_of_something_else_count_little() -> None:
 
 def test_a_network_that_knows_of_none_learns_none() -> None:
     frame = evidence()
-    none = EdgeTraits(0, 0.1, 0.7)
+    none = EdgeTraits(0, 0.1, 0.7, SHIFT_MM)
     none.learn(replace(frame, slopes_px=np.zeros((400, 0)), told_with=np.zeros(0)))
     assert not none.are_learnt
     assert len(none.values) == 0

@@ -239,7 +239,7 @@ def told(matches: Matches, residual_px: float, slope_px: float) -> Matches:
 def knows_one_trait(broken: PreparedPart) -> SampleKnowledge:
     knowledge = SampleKnowledge(replace(ALL, polarity=Off()), broken)
     assert knowledge.profiles is not None
-    knowledge.profiles.traits = EdgeTraits(1, 0.2, 0.7)
+    knowledge.profiles.traits = EdgeTraits(1, 0.2, 0.7, 20.0)
     return knowledge
 
 

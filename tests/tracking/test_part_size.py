@@ -1,0 +1,126 @@
+"""Parts of any size are tracked alike: settings in mm are in proportion, and nothing else depends on mm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from acp_lab.cad.part import USUAL_DIAMETERS, Part
+from acp_lab.evaluation.part_metric import PartMetric
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import disturb_pose
+from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.kalman import KalmanPrediction
+from acp_lab.tracking.method import ACP, METHODS
+from acp_lab.tracking.part_size import for_size
+from acp_lab.tracking.tracker import Tracker
+from tests.made_parts import bracket, looking_at
+from tests.tracking.rendered import CAMERA, draw, poses, prepared
+
+FRAMES, DISTANCE = 6, 260.0
+
+
+@dataclass(frozen=True)
+class Inner:
+    in_mm: ClassVar[tuple[str, ...]] = ("reach",)
+    reach: float = 2.0
+    share: float = 0.5
+
+
+@dataclass(frozen=True)
+class Outer:
+    in_mm: ClassVar[tuple[str, ...]] = ("limits",)
+    inner: Inner = Inner()
+    limits: tuple[float, float] = (1.0, 3.0)
+    reach: float = 7.0
+
+
+def test_only_what_is_in_mm_grows() -> None:
+    assert for_size(Outer(), 4.0) == Outer(Inner(8.0), (4.0, 12.0))
+    assert for_size(Outer(), 1.0) == Outer()
+
+
+def in_mm(settings: Any) -> dict[str, Any]:
+    """Settings that are named as lengths in mm, or called so by their class, by their paths."""
+    found = {}
+    for field in fields(settings):
+        value = getattr(settings, field.name)
+        if is_dataclass(value):
+            found |= {f"{field.name}.{name}": inner for name, inner in in_mm(value).items()}
+        elif field.name.endswith("_mm") or field.name in getattr(settings, "in_mm", ()):
+            found[field.name] = value
+    return found
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_every_setting_in_mm_is_in_proportion(method: Any) -> None:
+    told, large = in_mm(method), in_mm(for_size(method, 8.0))
+    assert set(told) == set(large)
+    for name, value in told.items():
+        assert large[name] == pytest.approx(np.multiply(8.0, value)), name
+
+
+def test_acp_has_such_settings() -> None:
+    names = set(in_mm(ACP))
+    assert {"prediction.shift_mm", "learning.offsets.largest", "learning.profiles.outline_mm"} < names
+    assert {"uncertainty.outline_mm", "learning.offsets.inner_limits"} < names
+
+
+@pytest.mark.parametrize("share", [0.001, 0.3, 0.999])
+def test_parts_of_usual_size_are_tracked_with_settings_as_they_are(share: float) -> None:
+    part = made((1.0 - share) * USUAL_DIAMETERS[0] + share * USUAL_DIAMETERS[1])
+    assert part.times_usual == 1.0
+    assert Tracker(prepared(part)).method is ACP
+
+
+def test_a_tracker_has_the_settings_of_its_part() -> None:
+    part = made(320.0)
+    assert part.times_usual == pytest.approx(2.0)
+    prediction = Tracker(prepared(part)).method.prediction
+    assert isinstance(prediction, KalmanPrediction)
+    assert prediction.shift_mm == pytest.approx(2.0 * KalmanPrediction().shift_mm)
+    assert made(30.0).times_usual == pytest.approx(0.5)
+
+
+def made(diameter: float) -> Part:
+    """A bracket that is so large."""
+    part = bracket()
+    return Part.from_mesh(part.vertices * (diameter / part.diameter), part.faces, "bracket")
+
+
+def tracked(times: float, method: Any = ACP) -> list[tuple[FloatArray, float]]:
+    """Poses in units of the part, and their qualities, of a bracket so many times as large; the same images."""
+    small, part = made(256.0), made(256.0 * times)
+    start = looking_at(small, np.array([1.0, 0.5, 0.4]), DISTANCE * small.diameter / 60.0, 0.4)
+    unit = 256.0 / 60.0
+    truths = poses(small, start, FRAMES, np.array([0.02, -0.025, 0.015, 0.8 * unit, -0.5 * unit, 1.2 * unit]))
+    model = replace(prepared(part), edge_break_mm=part.times_usual * DEFAULT_EDGE_BREAK_MM)
+    tracker = Tracker(model, method)
+    found = []
+    for number, truth in enumerate(truths):
+        frame = Frame(number, draw([(small, truth)], number), CAMERA)
+        if number == 0:
+            at = truth.copy()
+            at[:3, 3] *= times
+            rng = np.random.default_rng(3)
+            result = tracker.start(frame, disturb_pose(at, part.box_centre, 3.0, 6.0 * times, rng))
+        else:
+            result = tracker.track(frame)
+        pose = result.cam_T_obj.copy()
+        pose[:3, 3] /= times
+        assert number == 0 or PartMetric(small).percent(pose, truth) < 5.0
+        found.append((pose, result.quality))
+    return found
+
+
+@pytest.mark.parametrize("name", ["acp", "acp-edges"])
+def test_a_larger_part_farther_away_is_tracked_to_the_same_poses(name: str) -> None:
+    """A power of two, so that even rounding is the same."""
+    method = METHODS[name]
+    for (pose, quality), (large_pose, large_quality) in zip(tracked(1.0, method), tracked(8.0, method), strict=True):
+        np.testing.assert_allclose(large_pose, pose, atol=1e-5)
+        assert large_quality == pytest.approx(quality, abs=1e-5)
