@@ -56,6 +56,7 @@ def make_plans(args: argparse.Namespace) -> list[Plan]:
                 rot_deg=args.rot_deg_per_frame,
                 trans_mm=args.trans_mm_per_frame,
                 clutter=args.clutter,
+                shake_deg=args.shake_deg,
             ),
         )
         for k in range(count)
@@ -106,6 +107,7 @@ def build_parser() -> Parser:
     parser.add_argument("--seed", type=whole, default=0, help="the same seed gives the same truth (0)")
     parser.add_argument("--rot-deg-per-frame", type=positive, help="mean; default: by kind, 1.5 to 3.8")
     parser.add_argument("--trans-mm-per-frame", type=positive, help="mean; default: by kind, 1.5 to 4.5")
+    parser.add_argument("--shake-deg", type=positive, default=0.0, help="of a camera in a hand, rms turn (0: a stand)")
     parser.add_argument("--clutter", type=whole, help="number of other objects on the bench (default: 9 to 13)")
     parser.add_argument("--image-format", choices=("jpg", "png"), default="jpg", help="jpg (default) or png")
     parser.add_argument("--contact-sheet", type=Path, metavar="PNG", help="also write a picture of what was made")

@@ -155,6 +155,11 @@ class PoseKalman:
         self._velocity = self._velocity + step[6:]
         self._covariance, self._information = _symmetric(self._covariance - gain @ spread @ gain.T), None
 
+    def accelerate(self, step: FloatArray) -> None:
+        """The part is known to go by a pose step (6,) farther to the next frame than it went, and to go on so."""
+        self._pose = move_pose(self.predict(), self._centre_obj, step)
+        self._velocity = self._velocity + step
+
     def is_sure(self, camera: Camera) -> bool:
         """Whether the part is surely near the predicted pose: its motion went on as predicted, and is slow enough."""
         config = self._config

@@ -8,6 +8,7 @@
     solver      how e is minimised                             solvers
     tones       what sudden changes and bands of light do      tones, bands
     prediction  where the next frame starts                    prediction
+    camera      what a camera that shakes does to that         camera_motion
     sight       how a first glance corrects that               picture
     magnification  how small and large parts are seen          magnification
     start       what the first frame does with a given pose    start
@@ -22,8 +23,9 @@
 `acp-paper-literal` is without them. The two ablations of Table III are `acp-paper` with one part changed.
 `acp-paper-samples` reads no positions off the painted image: it gates the CAD's own edge samples. Any other sum of
 parts is a method too, by `dataclasses.replace` or from a TOML file (`method_file`). Parts that do not fit together are
-refused; a setting that another part makes idle is not, such as `learning.offsets.break_share` beside profiles. Settings
-in mm are for CAD parts of 60 to 160 mm, and taken in proportion for others (`part_size`).
+refused; a setting that another part makes idle is not, such as `learning.offsets.break_share` beside profiles, or
+`camera` without a Kalman filter. Settings in mm are for CAD parts of 60 to 160 mm, and taken in proportion for others
+(`part_size`).
 """
 
 from __future__ import annotations
@@ -37,6 +39,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.imaging.edge_search import AS_THEY_ARE
 from acp_lab.prepared_part import PreparedPart
+from acp_lab.tracking.camera_motion import CameraMotion
 from acp_lab.tracking.confidence import EDGES_ALONE, Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
@@ -95,6 +98,7 @@ class Method:
     solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0, last_px=0.03))
     tones: ToneMatching | Off = field(default_factory=ToneMatching)
     prediction: PredictionConfig = field(default_factory=KalmanPrediction)
+    camera: CameraMotion | Off = field(default_factory=CameraMotion)
     sight: PictureSearch | Off = field(default_factory=PictureSearch)
     magnification: Magnification | Off = field(default_factory=Magnification)
     start: TrustedStart | Off = field(default_factory=TrustedStart)
@@ -259,6 +263,7 @@ ACP_EDGES = replace(
     priors=(ControlPointDamping(),),
     solver=GaussNewton(steps=3, damping=0.0),
     prediction=ConstantVelocityPrediction(),
+    camera=Off(),
     sight=Off(),
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, both_ways=False),
     recovery=SecondTries(),
@@ -288,6 +293,7 @@ ACP_PAPER = Method(
     solver=GaussNewton(),
     tones=Off(),
     prediction=LastPosePrediction(),
+    camera=Off(),
     sight=Off(),
     magnification=Off(),
     start=Off(),
@@ -344,6 +350,7 @@ REGION = Method(
     solver=GaussNewton(steps=2, damping=0.0),
     tones=Off(),
     prediction=LastPosePrediction(),
+    camera=Off(),
     sight=Off(),
     magnification=Off(),
     start=Off(),

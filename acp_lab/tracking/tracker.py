@@ -24,10 +24,12 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame, check_frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.assessment import Assessment
+from acp_lab.tracking.camera_motion import CameraFollower, CameraMotion
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.frame_view import LEAST_PART_PX, Box, crop_box
+from acp_lab.tracking.kalman import KalmanPrediction, PoseKalman
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.magnification import MagnifyingGlass
 from acp_lab.tracking.method import ACP, Method, method_named
@@ -42,7 +44,7 @@ from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import LOOK_LEVEL, Started, TrustedStart, begin
 from acp_lab.tracking.stopwatch import Stopwatch
-from acp_lab.tracking.time_step import FrameTimes
+from acp_lab.tracking.time_step import FrameTimes, TimeStep
 from acp_lab.tracking.tones import Tones
 from acp_lab.tracking.whereabouts import Whereabouts
 
@@ -85,6 +87,8 @@ class Tracker:
         self._assessment = Assessment(model.part, self.method)
         self._whereabouts = Whereabouts(model, self.method, self._assessment, self._finder)
         self._corners_obj = box_corners(model.part)
+        camera, takes_jerks = self.method.camera, isinstance(self.method.prediction, KalmanPrediction)
+        self._camera = CameraFollower(model.part, camera) if isinstance(camera, CameraMotion) and takes_jerks else None
         self._times = FrameTimes()
         self._shown = ShownPicture(model.part, self.method.margin_px)
         self._forget()
@@ -167,6 +171,8 @@ class Tracker:
         note = "; ".join(filter(None, (started.note, note)))
         if not self._trusted and not isinstance(self.method.uncertainty, Off):
             solution = self.solver.weigh(seen, solution)
+        if self._camera is not None:
+            self._camera.begin(as_given, solution.cam_T_obj)
         self._shown.keep(as_given, solution.cam_T_obj)
         self._times.begin(as_given)
         return self._result(frame, pose, solution, quality, clock, begin_s, note)
@@ -187,14 +193,19 @@ class Tracker:
         self.solver.records_steps = self.records_steps
         # Kept as long as every frame is seen: over a gap it would tell another motion.
         first, self._first = self._first, None
-        pursuit.predictor.elapse(self._times.step_to(frame))
+        step = self._times.step_to(frame)
+        pursuit.predictor.elapse(step)
         if isinstance(frame, UnreadableFrame):
+            if self._camera is not None:
+                self._camera.miss()
             predicted = self.predicted
             pursuit.predictor.coast()
             note = "; ".join(filter(None, (frame.reason, whereabouts.miss())))
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         if self._shown.is_again_in(frame):
             pursuit.predictor.repeat()
+        else:
+            self._follow_camera(frame, step, clock)
         as_given, frame = frame, self._steady(frame, self.predicted, clock)
         self.solver.magnify(frame.camera, self.predicted)
         proposals, other = whereabouts.proposals(frame, clock), None
@@ -230,6 +241,8 @@ class Tracker:
         elif not whereabouts.is_lost:
             pursuit.remember(frame, solution.cam_T_obj)
         if not whereabouts.is_lost:
+            if self._camera is not None:
+                self._camera.found(solution.cam_T_obj, frame.camera)
             self._shown.keep(as_given, solution.cam_T_obj)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             pursuit.usual.take_in(solution)
@@ -289,6 +302,8 @@ class Tracker:
         if self._tones is not None:
             self._tones.forget()
         self._shown.forget()
+        if self._camera is not None:
+            self._camera.forget()
         self._started = self._trusted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 
@@ -356,6 +371,17 @@ class Tracker:
             pursuit.region = region
             return None
         return best
+
+    def _follow_camera(self, frame: Frame, step: TimeStep, clock: Stopwatch) -> None:
+        """Expect the part where a camera that turned otherwise than before takes it."""
+        if self._camera is None:
+            return
+        clock.lap()
+        further, predictor = self._camera.acceleration(frame, self.predicted, step.of_last), self._pursuit.predictor
+        # A part that rests for all that is known may as well rest beside the camera.
+        if isinstance(predictor, PoseKalman) and predictor.moves and further is not None:
+            predictor.accelerate(further)
+        clock.image_s += clock.lap()
 
     def _steady(self, frame: Frame, expected: FloatArray, clock: Stopwatch) -> Frame:
         """The frame without a sudden change of light or bands of it; expected: (4, 4) the pose of the part there."""

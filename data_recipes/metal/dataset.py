@@ -121,6 +121,7 @@ def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[st
         "material": scene.names[0],
         "table": scene.table.kind,
         "moving": "part" if scene.held else "camera",
+        "shake_deg": config.shake_deg,
         "light_moves": scene.lights is not None,
         "frames": config.frames,
         "fps": FPS,

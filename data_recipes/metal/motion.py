@@ -16,6 +16,9 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from acp_lab.geometry.pose import make_pose, so3_exp
 
+# A hand goes to and fro some seven times a second, in thirty frames of it; and not about the middle of the lens.
+_SHAKE_FRAMES, _SHAKE_MM_PER_DEG = 2, 2.5
+
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
@@ -36,6 +39,14 @@ class PosePath:
         turn = RotationSpline(window, Rotation.from_matrix(self.poses[window, :3, :3]))
         shift = CubicSpline(window, self.poses[window, :3, 3])
         return make_pose(turn(s).as_matrix(), shift(s))
+
+
+def shake(rng: np.random.Generator, frames: int, turn_deg: float) -> PosePath:
+    """now_T_steady of a camera in a hand: its turns' root mean square is turn_deg, and shifts go with them."""
+    wave = smooth_numbers(rng, max(4, frames // _SHAKE_FRAMES), 6, frames)
+    wave /= max(float(np.sqrt(np.square(wave[:, :3]).sum(1).mean())), 1e-9)
+    turns, shifts = np.radians(turn_deg) * wave[:, :3], turn_deg * _SHAKE_MM_PER_DEG * wave[:, 3:]
+    return PosePath(np.stack([make_pose(so3_exp(w), t) for w, t in zip(turns, shifts, strict=True)]))
 
 
 def smooth_numbers(rng: np.random.Generator, knots: int, channels: int, count: int) -> np.ndarray:

@@ -30,7 +30,10 @@ SPP = 64
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """What one sequence shows. rot_deg and trans_mm are means per frame; None takes the kind's own."""
+    """What one sequence shows. rot_deg and trans_mm are means per frame; None takes the kind's own.
+
+    shake_deg: by how much the hand that holds the camera turns it to and fro, root mean square; 0 for a stand.
+    """
 
     kind: Kind
     frames: int
@@ -44,6 +47,7 @@ class SceneConfig:
     metal: str | None = None
     finish: Finish | None = None
     clutter: int | None = None
+    shake_deg: float = 0.0
     rest: int | None = None  # which stable pose the part lies in, 0 = the steadiest
 
     @property

@@ -23,6 +23,7 @@ from data_recipes.metal.motion import (
     PosePath,
     look_from,
     orbit_rotations,
+    shake,
     smooth_numbers,
     speed_profile,
     tumble_rotations,
@@ -66,6 +67,7 @@ class Scene:
     config: SceneConfig
     camera: Camera
     truth: PosePath
+    shake: PosePath | None  # now_T_steady of a camera in a hand
     held: bool
     anchor: np.ndarray  # world_T_part when the part lies, world_T_cam when it is held
     part: Body
@@ -88,7 +90,7 @@ class Scene:
         """Everything in its place at a time in frames."""
         cam_T_part = self.truth.at(time)
         if self.held:
-            world_T_cam = self.anchor
+            world_T_cam = self.anchor if self.shake is None else self.anchor @ inverse(self.shake.at(time))
             world_T_part = world_T_cam @ cam_T_part
         else:
             world_T_part = self.anchor
@@ -135,7 +137,7 @@ def make_scene(part: CadPart, config: SceneConfig) -> Scene:
     lights = _lights(np.random.default_rng([config.seed, 8]), config.frames) if config.kind == "reflection" else None
     exposure = float(np.random.default_rng([config.seed, 9]).uniform(0.10, 0.25))
     return Scene(
-        config, camera, truth, held, anchor, body, bench, handle, occluder, path, materials,
+        config, camera, truth, _shake(config), held, anchor, body, bench, handle, occluder, path, materials,
         tuple(m.name for m in stock.materials), table, room, lights, exposure,
     )  # fmt: skip
 
@@ -181,7 +183,14 @@ def plan_truth(part: CadPart, config: SceneConfig, held: bool, rest: np.ndarray)
     half = np.array([camera.width / camera.fx, camera.height / camera.fy]) / 2 * _NEAR_MM - radius
     half = np.clip(half, 4.0, [55.0, 40.0])
     shift = wander(rng, frames, mean_mm, np.array([*-half, _NEAR_MM]), np.array([*half, _FAR_MM]))
-    return PosePath(np.stack([make_pose(r, t) for r, t in zip(rotations, shift, strict=True)]))
+    poses = np.stack([make_pose(r, t) for r, t in zip(rotations, shift, strict=True)])
+    hand = _shake(config)
+    return PosePath(poses if hand is None else hand.poses @ poses)
+
+
+def _shake(config: SceneConfig) -> PosePath | None:
+    rng = np.random.default_rng([config.seed, 10])
+    return shake(rng, config.frames, config.shake_deg) if config.shake_deg else None
 
 
 def _place_camera(rng: np.random.Generator, truth: PosePath, part: CadPart) -> np.ndarray:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -12,9 +14,10 @@ from scipy.ndimage import map_coordinates
 
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import EmbreeCaster
-from acp_lab.geometry.pose import check_rotation, inverse, transform
+from acp_lab.geometry.pose import check_rotation, inverse, rotation_angle_deg, transform
 from data_recipes.metal.cad_parts import make_part
 from data_recipes.metal.edge_break import find_creases
+from data_recipes.metal.motion import shake
 from data_recipes.metal.plan import KINDS, Kind, SceneConfig
 from data_recipes.metal.random_parts import asymmetric_parts, part_named, random_part
 from data_recipes.metal.render import Renderer
@@ -182,6 +185,28 @@ def test_every_kind_shows_the_part(kind: Kind) -> None:
     assert picture.image.min() >= 0
     assert picture.part_alone.sum() > 150
     assert 0.3 < picture.part_seen.sum() / picture.part_alone.sum() <= 1.0
+
+
+def test_a_camera_in_a_hand_goes_to_and_fro_about_where_it_would_be() -> None:
+    hand = shake(np.random.default_rng(0), 200, 0.5)
+    turns_deg = [rotation_angle_deg(np.eye(3), pose[:3, :3]) for pose in hand.poses]
+    assert np.sqrt(np.square(turns_deg).mean()) == pytest.approx(0.5, rel=1e-3)
+    steps_deg = [rotation_angle_deg(a[:3, :3], b[:3, :3]) for a, b in pairwise(hand.poses)]
+    assert 0.2 < np.mean(steps_deg) < 1.0
+
+
+@pytest.mark.parametrize("kind", ["regular", "rotation"])
+def test_only_the_camera_shakes(kind: Kind) -> None:
+    config = SceneConfig(kind, 8, 96, 80, seed=2, clutter=1)
+    part = make_part("lever_arm")
+    steady, shaken = make_scene(part, config), make_scene(part, replace(config, shake_deg=0.5))
+    assert shaken.shake is not None
+    for frame in range(8):
+        now, before = shaken.at(frame), steady.at(frame)
+        np.testing.assert_allclose(now.part.world_T_body, before.part.world_T_body, atol=1e-9)
+        turned = now.world_T_cam @ shaken.shake.poses[frame]
+        np.testing.assert_allclose(turned, before.world_T_cam, atol=1e-5)
+        np.testing.assert_allclose(now.world_T_cam @ shaken.cam_T_part(frame), now.part.world_T_body, atol=1e-9)
 
 
 def outline_offsets_px(scene: Scene, frame: int, radius_px: float = 3.0) -> np.ndarray:

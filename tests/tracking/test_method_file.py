@@ -10,6 +10,7 @@ import pytest
 
 from acp_lab.errors import InputFileError
 from acp_lab.imaging.edge_search import SearchConfig
+from acp_lab.tracking.camera_motion import CameraMotion
 from acp_lab.tracking.confidence import Confidence
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
@@ -88,6 +89,7 @@ FUSED = Method(
     ),
     priors=(MotionPrior(0.5), ControlPointDamping()),
     prediction=KalmanPrediction(1.0, 2.0, 0.1, 5.0, 0.15, 1.5, 2.5, 3.0, 2.0, 0.3),
+    camera=CameraMotion(5.0, 0.5),
     sight=PictureSearch(20, 0.5, 0.7, 0.4, 0.2, 3.0, 3.0, 5.0),
     start=TrustedStart(agreement_alone=0.65),
     recovery=Alternatives(
@@ -103,7 +105,7 @@ EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=Gaus
 
 def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
     region, rest = FUSED.targets[1], (FUSED.prediction, FUSED.recovery, FUSED.sight, FUSED.way_back, FUSED.confidence)
-    rest = (*rest, FUSED.tones, FUSED.uncertainty)
+    rest = (*rest, FUSED.tones, FUSED.uncertainty, FUSED.camera)
     for part in (region, region.colours, *rest):  # type: ignore[union-attr]
         for item in fields(part):
             assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name

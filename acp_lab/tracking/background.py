@@ -1,0 +1,197 @@
+"""How did the camera turn since the last frame? What stands around the part tells.
+
+Corners of the picture that do not belong to the part are followed from frame to frame by optical flow (Lucas and
+Kanade, IJCAI 1981, in OpenCV's pyramids), in a picture made smaller, and one rotation is fitted to them: hands that
+shake turn a camera more than they move it, as far as its picture tells. Corners on whatever else moves are outliers.
+Where the corners look as they did, nothing is followed: a camera that stands still costs next to nothing.
+(Not in the paper, whose camera stands still; see docs/paper-ledger.md.)
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from acp_lab.compiled import kernel
+from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, writable
+from acp_lab.geometry.camera import Camera
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_view import Box
+
+LONGEST_PX = 320
+"""Of the picture in which corners are followed, every so many-th pixel of the frame."""
+CORNERS = 40
+"""At most so many are followed."""
+_FEWEST, _FEWEST_SHARE = 12, 0.6
+"""Fewer say nothing; and with less than this share of those that were found, they are found anew."""
+# For `cv2.goodFeaturesToTrack`, in a picture of half that size: share of the best corner's quality, px between them.
+_QUALITY, _APART_PX = 0.01, 5
+# Side of what is compared around a corner is twice this and one, px; corners keep away from the border.
+_HALF_PX, _BORDER_PX = 4, 8
+_WINDOW_PX, _LEVELS, _STOP = (9, 9), 3, (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
+# By how many px of that picture corners seem to have moved, in the median, and by how many px of the frame the camera
+# seems to have turned, where it stands still.
+_STILL_PX, _LEAST_TURN_PX = 0.3, 1.0
+# Residuals of corners that turned with the camera: px of the frame and, as it is moved, too, share of the turn; and the
+# share of the corners that must have.
+_WITHIN_PX, _WITHIN_SHARE, _LEAST_SHARE = 3.0, 0.25, 0.5
+_ROUNDS, _WIDE_ROUNDS = 6, 3
+
+
+class Background:
+    """The corners around one tracked part."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Before a new track."""
+        self._small: ByteImage | None = None
+        self._camera: Camera | None = None
+        self._step = 1
+        # Of the last picture in which something moved: corners (n, 2) px, and what they look like.
+        self._corners: np.ndarray = np.empty((0, 2), np.float32)
+        self._found = 0
+        self._places: IntArray = np.empty((0, 2), np.int64)
+        self._looks: ByteImage = np.empty((0, 2 * _HALF_PX + 1, 2 * _HALF_PX + 1), np.uint8)
+
+    def turn(self, frame: Frame, part: Box | None) -> FloatArray | None:
+        """(3,) rotation vector from camera axes in the frame that was given last to those in this one.
+
+        Zeros where the picture stands still; None where nobody knows, as in the first frame.
+
+        Args:
+            part: px of the frame around the part, whose corners say nothing of the camera; None where it is not seen.
+        """
+        step = max(math.ceil(max(frame.image.shape[:2]) / LONGEST_PX), 1)
+        camera, self._camera = self._camera, frame.camera
+        is_same = camera == frame.camera and self._step == step
+        if is_same and len(self._places) >= _FEWEST:
+            shifts = shifts_px(writable(np.ascontiguousarray(frame.image)), step, self._places, self._looks)
+            if float(np.median(shifts)) < _STILL_PX:
+                # Nothing is copied: the picture that is there shows the same.
+                return np.zeros(3)
+        small = np.ascontiguousarray(frame.image[::step, ::step, 1])
+        before, self._small = self._small, small
+        if camera is None or before is None or before.shape != small.shape:
+            self._step = step
+            self._find(small, part)
+            return None
+        turn = None
+        if len(self._corners) >= _FEWEST:
+            corners = self._corners[:, None]
+            moved, good, _ = cv2.calcOpticalFlowPyrLK(
+                before, small, corners, corners.copy(), winSize=_WINDOW_PX, maxLevel=_LEVELS, criteria=_STOP
+            )
+            is_good = good.ravel() == 1
+            old, new = self._corners[is_good], moved[is_good, 0]
+            if len(old) >= _FEWEST:
+                turn = rotation_between(camera.rays(step * old), frame.camera.rays(step * new), frame.camera.fx)
+            if turn is not None and frame.camera.fx * np.linalg.norm(turn) < _LEAST_TURN_PX:
+                turn = np.zeros(3)
+            self._corners = new
+        self._keep(small, part)
+        return turn
+
+    def _keep(self, small: ByteImage, part: Box | None) -> None:
+        """Corners inside the picture and beside the part; new ones where few are left."""
+        (height, width), (x, y) = small.shape, self._corners.T
+        border = _BORDER_PX
+        kept = (x >= border) & (y >= border) & (x < width - border) & (y < height - border)
+        if part is not None:
+            x0, y0, x1, y1 = (edge / self._step for edge in part)
+            kept &= (x < x0) | (x > x1) | (y < y0) | (y > y1)
+        self._corners = self._corners[kept]
+        if len(self._corners) < max(_FEWEST, _FEWEST_SHARE * self._found):
+            self._find(small, part)
+        else:
+            self._look_at(small)
+
+    def _find(self, small: ByteImage, part: Box | None) -> None:
+        half = np.ascontiguousarray(small[::2, ::2])
+        allowed = np.zeros(half.shape, np.uint8)
+        border = _BORDER_PX // 2 + 1
+        allowed[border:-border, border:-border] = 1
+        if part is not None:
+            x0, y0, x1, y1 = (max(int(edge / (2 * self._step)), 0) for edge in part)
+            allowed[y0 : y1 + 1, x0 : x1 + 1] = 0
+        found = cv2.goodFeaturesToTrack(half, CORNERS, _QUALITY, _APART_PX, mask=allowed)
+        self._corners = np.empty((0, 2), np.float32) if found is None else 2.0 * found[:, 0]
+        self._found = len(self._corners)
+        self._look_at(small)
+
+    def _look_at(self, small: ByteImage) -> None:
+        self._places = np.rint(self._corners).astype(np.int64)
+        around = np.arange(-_HALF_PX, _HALF_PX + 1)
+        x, y = self._places.T
+        self._looks = small[y[:, None, None] + around[:, None], x[:, None, None] + around]
+
+
+def rotation_between(before: FloatArray, after: FloatArray, focal_px: float) -> FloatArray | None:
+    """(3,) rotation vector that brings rays (n, 3) to others, or to most of them; None where it brings too few there.
+
+    Least squares over unit rays by singular values (Kabsch, Acta Cryst. A32, 1976), reweighted by Tukey's biweight.
+    focal_px: px per rad, by which outliers are told.
+    """
+    before, after = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (before, after))
+    way = after - before
+    off_px = focal_px * np.linalg.norm(way - np.median(way, axis=0), axis=1)
+    weights = (off_px <= max(_WITHIN_PX, 2.0 * float(np.median(off_px)))).astype(np.float64)
+    vector, within_px = np.zeros(3), _WITHIN_PX
+    for number in range(_ROUNDS):
+        u, _, vt = np.linalg.svd((after * weights[:, None]).T @ before)
+        rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+        off_px = focal_px * np.linalg.norm(after - before @ rotation.T, axis=1)
+        vector = cv2.Rodrigues(rotation)[0].ravel()
+        within_px = max(_WITHIN_PX, _WITHIN_SHARE * focal_px * float(np.linalg.norm(vector)))
+        reach = max(within_px, 2.5 * float(np.median(off_px))) if number < _WIDE_ROUNDS else within_px
+        weights = np.maximum(1.0 - (off_px / reach) ** 2, 0.0) ** 2
+    return vector if np.count_nonzero(off_px < within_px) >= max(_LEAST_SHARE * len(before), _FEWEST) else None
+
+
+@kernel("f8[::1](u1[:, :, ::1], i8, i8[:, ::1], u1[:, :, ::1])")
+def shifts_px(image: ByteImage, step: int, places: IntArray, looks: ByteImage) -> FloatArray:
+    """(n,) px by which patches have moved: one step of Lucas and Kanade; infinite for far.
+
+    image: (h, w, 3); step: of the picture, green, that has every so many-th of its pixels; places: (n, 2) px of the
+    patches' middles there, x and y; looks: (n, 2 k + 1, 2 k + 1) what they looked like. How bright a patch
+    is does not matter; one that changed by more than half of what it shows has moved far.
+    """
+    count, side = looks.shape[0], looks.shape[1]
+    half = side // 2
+    shifts = np.empty(count)
+    area = float((side - 2) * (side - 2))
+    for n in range(count):
+        x0, y0 = places[n, 0] - half, places[n, 1] - half
+        sums = np.zeros(11)  # of x, y slopes, change, look; of their products
+        for i in range(1, side - 1):
+            for j in range(1, side - 1):
+                across = 0.5 * (np.float64(looks[n, i, j + 1]) - np.float64(looks[n, i, j - 1]))
+                down = 0.5 * (np.float64(looks[n, i + 1, j]) - np.float64(looks[n, i - 1, j]))
+                look = np.float64(looks[n, i, j])
+                change = np.float64(image[step * (y0 + i), step * (x0 + j), 1]) - look
+                sums[0] += across
+                sums[1] += down
+                sums[2] += change
+                sums[3] += across * across
+                sums[4] += across * down
+                sums[5] += down * down
+                sums[6] += across * change
+                sums[7] += down * change
+                sums[8] += change * change
+                sums[9] += look
+                sums[10] += look * look
+        xx = sums[3] - sums[0] * sums[0] / area
+        xy = sums[4] - sums[0] * sums[1] / area
+        yy = sums[5] - sums[1] * sums[1] / area
+        xd = sums[6] - sums[0] * sums[2] / area
+        yd = sums[7] - sums[1] * sums[2] / area
+        changed, shown = sums[8] - sums[2] * sums[2] / area, sums[10] - sums[9] * sums[9] / area
+        if changed > 0.5 * shown:
+            shifts[n] = np.inf
+            continue
+        determinant = xx * yy - xy * xy + 1e-3
+        shifts[n] = np.sqrt((yy * xd - xy * yd) ** 2 + (xx * yd - xy * xd) ** 2) / determinant
+    return shifts
