@@ -33,17 +33,20 @@ class CameraMotion:
     """Configuration: the camera's turns are known accelerations of the part.
 
     Attributes:
+        least_px: jerks that move the part by less in the image are none: motions of parts change by as much anyway.
         margin_px: around the part, in which the picture says nothing of the camera.
         memory: share of what accelerations told before that still counts from frame to frame.
     """
 
     kind: ClassVar[str] = "background"
+    least_px: float = 2.5
     margin_px: float = 12.0
     memory: float = 0.7
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.margin_px <= 1000.0:
-            raise TrackingError(f"camera.margin_px = {self.margin_px:g}: give px from 0 to 1000")
+        for name in ("least_px", "margin_px"):
+            if not 0.0 <= getattr(self, name) <= 1000.0:
+                raise TrackingError(f"camera.{name} = {getattr(self, name):g}: give px from 0 to 1000")
         if not 0.0 <= self.memory < 1.0:
             raise TrackingError(f"camera.memory = {self.memory:g}: give a share from 0 to less than 1")
 
@@ -89,7 +92,7 @@ class CameraFollower:
         self._turns = (*self._turns[-1:], turn)
         if turn is None or before is None or self._own > self._seen:
             return None
-        return self._step_of(turn - times * before, predicted)
+        return self._jerk(turn - times * before, predicted, frame.camera)
 
     def miss(self) -> None:
         """A frame of which there is no image."""
@@ -104,21 +107,25 @@ class CameraFollower:
         if len(self._poses) < 3 or len(self._turns) < 2:
             return
         before, turn = self._turns
-        step = None if before is None or turn is None else self._step_of(turn - self._times * before, cam_T_obj)
-        if step is None:
+        jerk = None if before is None or turn is None else self._jerk(turn - self._times * before, cam_T_obj, camera)
+        if jerk is None:
             return
         centre_obj, (first, second, third) = self._part.box_centre, self._poses
         last = self._times * pose_step_between(first, second, centre_obj)
         seen = pose_step_between(second, third, centre_obj) - last
-        px_per_mm = camera.fx / max(float(transform(cam_T_obj, centre_obj)[2]), 1e-6)
+        px_per_mm = self._px_per_mm(cam_T_obj, camera)
         # Turns count by what they move at the part's rim; along the line of sight little is seen.
         px = px_per_mm * np.array([*[self._part.radius] * 3, 1.0, 1.0, 0.0])
         memory = self._config.memory
         self._seen = memory * self._seen + float(np.square(px * seen).sum())
-        self._own = memory * self._own + float(np.square(px * (seen - step)).sum())
+        self._own = memory * self._own + float(np.square(px * (seen - jerk)).sum())
 
-    def _step_of(self, turn: FloatArray, cam_T_obj: FloatArray) -> FloatArray | None:
-        """(6,) step of the part, at a pose (4, 4), by a camera's turn (3,); None where it is none."""
-        if not turn.any():
+    def _jerk(self, turn: FloatArray, cam_T_obj: FloatArray, camera: Camera) -> FloatArray | None:
+        """(6,) step of the part, at a pose (4, 4), by a camera's turn (3,); None for one that is too small."""
+        shift = np.cross(turn, transform(cam_T_obj, self._part.box_centre))
+        if self._px_per_mm(cam_T_obj, camera) * float(np.hypot(shift[0], shift[1])) < max(self._config.least_px, 1e-6):
             return None
-        return np.concatenate([turn, np.cross(turn, transform(cam_T_obj, self._part.box_centre))])
+        return np.concatenate([turn, shift])
+
+    def _px_per_mm(self, cam_T_obj: FloatArray, camera: Camera) -> float:
+        return camera.fx / max(float(transform(cam_T_obj, self._part.box_centre)[2]), 1e-6)

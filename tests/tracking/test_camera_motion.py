@@ -78,12 +78,14 @@ def test_jerks_are_known_before_the_part_is_looked_for() -> None:
     assert steps[0] is None  # how the camera turned before nobody knows
     jerks_mm = []
     for number in range(1, COUNT - 1):
-        step = steps[number]
-        assert step is not None
         before, now = (pose_step_between(truths[k], truths[k + 1], PART.box_centre) for k in (number - 1, number))
         # The part's own motion is even.
-        np.testing.assert_allclose(step, now - before, atol=2.0 * 260.0 / CAMERA.fx)
-        jerks_mm.append(np.abs(now - before)[3:5].max())
+        jerk, step = now - before, steps[number]
+        is_small = CAMERA.fx * np.hypot(*jerk[3:5]) / 260.0 < 3.5
+        assert step is not None or is_small
+        if step is not None:
+            np.testing.assert_allclose(step, jerk, atol=2.0 * 260.0 / CAMERA.fx)
+        jerks_mm.append(np.abs(jerk[3:5]).max())
     assert np.mean(jerks_mm) > 4.0
 
 
@@ -173,7 +175,7 @@ def test_a_frame_that_cannot_be_read_and_one_that_comes_again_do_no_harm(model: 
         assert add_percent(PART, result.cam_T_obj, truth) < 5.0
 
 
-@pytest.mark.parametrize("setting", [{"margin_px": -1.0}, {"margin_px": float("nan")}, {"memory": 1.0}], ids=str)
+@pytest.mark.parametrize("setting", [{"margin_px": -1.0}, {"least_px": float("nan")}, {"memory": 1.0}], ids=str)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"camera\."):
         CameraMotion(**setting)
