@@ -31,9 +31,9 @@ _QUALITY, _APART_PX = 0.01, 5
 # Side of what is compared around a corner is twice this and one, px; corners keep away from the border.
 _HALF_PX, _BORDER_PX = 4, 8
 _WINDOW_PX, _LEVELS, _STOP = (9, 9), 3, (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
-# By how many px of that picture corners seem to have moved, in the median, and by how many px of the frame the camera
-# seems to have turned, where it stands still.
-_STILL_PX, _LEAST_TURN_PX = 0.3, 1.0
+# px of that picture by which corners seem to have moved, in the median, where the camera stands still; and less than
+# which is no turn: more than a slow one adds up to until it is seen, lest it seem to come in jerks.
+_STILL_PX, _LEAST_TURN_PX = 0.3, 0.65
 # Residuals of corners that turned with the camera: px of the frame and, as it is moved, too, share of the turn; and the
 # share of the corners that must have.
 _WITHIN_PX, _WITHIN_SHARE, _LEAST_SHARE = 3.0, 0.25, 0.5
@@ -60,26 +60,22 @@ class Background:
     def turn(self, frame: Frame, part: Box | None) -> FloatArray | None:
         """(3,) rotation vector from camera axes in the frame that was given last to those in this one.
 
-        Zeros where the picture stands still; None where nobody knows, as in the first frame.
+        Zeros where the picture stands still, or nearly; None where nobody knows, as in the first frame.
 
         Args:
             part: px of the frame around the part, whose corners say nothing of the camera; None where it is not seen.
         """
         step = max(math.ceil(max(frame.image.shape[:2]) / LONGEST_PX), 1)
-        camera, self._camera = self._camera, frame.camera
-        is_same = camera == frame.camera and self._step == step
-        if is_same and len(self._places) >= _FEWEST:
-            shifts = shifts_px(writable(np.ascontiguousarray(frame.image)), step, self._places, self._looks)
-            if float(np.median(shifts)) < _STILL_PX:
-                # Nothing is copied: the picture that is there shows the same.
-                return np.zeros(3)
         small = np.ascontiguousarray(frame.image[::step, ::step, 1])
-        before, self._small = self._small, small
-        if camera is None or before is None or before.shape != small.shape:
-            self._step = step
+        before, camera, self._camera = self._small, self._camera, frame.camera
+        if before is None or camera is None or before.shape != small.shape or step != self._step:
+            self._small, self._step = small, step
             self._find(small, part)
             return None
-        turn = None
+        # Of a camera that stands still nothing is kept: the picture that is there shows the same.
+        if camera == frame.camera and len(self._places) >= _FEWEST and self._is_still(small):
+            return np.zeros(3)
+        self._small, turn = small, None
         if len(self._corners) >= _FEWEST:
             corners = self._corners[:, None]
             moved, good, _ = cv2.calcOpticalFlowPyrLK(
@@ -89,11 +85,14 @@ class Background:
             old, new = self._corners[is_good], moved[is_good, 0]
             if len(old) >= _FEWEST:
                 turn = rotation_between(camera.rays(step * old), frame.camera.rays(step * new), frame.camera.fx)
-            if turn is not None and frame.camera.fx * np.linalg.norm(turn) < _LEAST_TURN_PX:
+            if turn is not None and frame.camera.fx * np.linalg.norm(turn) < _LEAST_TURN_PX * step:
                 turn = np.zeros(3)
             self._corners = new
         self._keep(small, part)
         return turn
+
+    def _is_still(self, small: ByteImage) -> bool:
+        return float(np.median(shifts_px(writable(small), self._places, self._looks))) < _STILL_PX
 
     def _keep(self, small: ByteImage, part: Box | None) -> None:
         """Corners inside the picture and beside the part; new ones where few are left."""
@@ -151,12 +150,11 @@ def rotation_between(before: FloatArray, after: FloatArray, focal_px: float) -> 
     return vector if np.count_nonzero(off_px < within_px) >= max(_LEAST_SHARE * len(before), _FEWEST) else None
 
 
-@kernel("f8[::1](u1[:, :, ::1], i8, i8[:, ::1], u1[:, :, ::1])")
-def shifts_px(image: ByteImage, step: int, places: IntArray, looks: ByteImage) -> FloatArray:
-    """(n,) px by which patches have moved: one step of Lucas and Kanade; infinite for far.
+@kernel("f8[::1](u1[:, ::1], i8[:, ::1], u1[:, :, ::1])")
+def shifts_px(small: ByteImage, places: IntArray, looks: ByteImage) -> FloatArray:
+    """(n,) px by which patches of a picture (h, w) have moved: one step of Lucas and Kanade; infinite for far.
 
-    image: (h, w, 3); step: of the picture, green, that has every so many-th of its pixels; places: (n, 2) px of the
-    patches' middles there, x and y; looks: (n, 2 k + 1, 2 k + 1) what they looked like. How bright a patch
+    places: (n, 2) px of their middles, x and y; looks: (n, 2 k + 1, 2 k + 1) what they looked like. How bright a patch
     is does not matter; one that changed by more than half of what it shows has moved far.
     """
     count, side = looks.shape[0], looks.shape[1]
@@ -171,7 +169,7 @@ def shifts_px(image: ByteImage, step: int, places: IntArray, looks: ByteImage) -
                 across = 0.5 * (np.float64(looks[n, i, j + 1]) - np.float64(looks[n, i, j - 1]))
                 down = 0.5 * (np.float64(looks[n, i + 1, j]) - np.float64(looks[n, i - 1, j]))
                 look = np.float64(looks[n, i, j])
-                change = np.float64(image[step * (y0 + i), step * (x0 + j), 1]) - look
+                change = np.float64(small[y0 + i, x0 + j]) - look
                 sums[0] += across
                 sums[1] += down
                 sums[2] += change

@@ -6,8 +6,8 @@ to and fro, and a prediction is off by twice each jerk. How the camera turned is
 is a known acceleration; a camera that turns evenly, or stands still, changes nothing.
 
 Whether it is so shows in the poses that are found: a part that the camera carries along does not move when the
-background does. So the accelerations of the part are followed, with the camera's and without, and while the camera's
-explain nothing, it is not asked. (Not in the paper; see docs/paper-ledger.md.)
+background does. So the accelerations of the part are followed, with the camera's and without, and the camera is asked
+only while its own explain some. (Not in the paper; see docs/paper-ledger.md.)
 """
 
 from __future__ import annotations
@@ -33,20 +33,24 @@ class CameraMotion:
     """Configuration: the camera's turns are known accelerations of the part.
 
     Attributes:
-        least_px: jerks that move the part by less in the image are none: motions of parts change by as much anyway.
+        least_share: jerks that shift the part by a smaller share of its diameter are none: its own motion changes by as
+            much, and slow turns of a camera are known in steps.
         margin_px: around the part, in which the picture says nothing of the camera.
         memory: share of what accelerations told before that still counts from frame to frame.
     """
 
     kind: ClassVar[str] = "background"
-    least_px: float = 2.5
+    least_share: float = 0.015
     margin_px: float = 12.0
     memory: float = 0.7
 
     def __post_init__(self) -> None:
-        for name in ("least_px", "margin_px"):
-            if not 0.0 <= getattr(self, name) <= 1000.0:
-                raise TrackingError(f"camera.{name} = {getattr(self, name):g}: give px from 0 to 1000")
+        if not 0.0 < self.least_share <= 100.0:
+            raise TrackingError(
+                f"camera.least_share = {self.least_share:g}: give a share of the diameter, such as 0.015"
+            )
+        if not 0.0 <= self.margin_px <= 1000.0:
+            raise TrackingError(f"camera.margin_px = {self.margin_px:g}: give px from 0 to 1000")
         if not 0.0 <= self.memory < 1.0:
             raise TrackingError(f"camera.memory = {self.memory:g}: give a share from 0 to less than 1")
 
@@ -66,8 +70,9 @@ class CameraFollower:
         self._turns: tuple[FloatArray | None, ...] = ()
         self._poses: tuple[FloatArray, ...] = ()
         self._times, self._missed, self._awaits_pose = 1.0, 0, False
-        # Squared px by which the part was accelerated lately: as it was seen, and beside what the camera did.
-        self._seen = self._own = 1.0
+        # Squared px by which the part was accelerated lately: as it was seen, and beside what the camera did. Before
+        # there was any jerk it is not asked.
+        self._seen = self._own = 0.0
 
     def begin(self, frame: Frame, cam_T_obj: FloatArray) -> None:
         """Take in a first frame, in which the part is at a pose (4, 4)."""
@@ -90,9 +95,9 @@ class CameraFollower:
             turn = turn / (1 + self._missed)  # it was turned over several frames
         self._missed = 0
         self._turns = (*self._turns[-1:], turn)
-        if turn is None or before is None or self._own > self._seen:
+        if turn is None or before is None or self._own >= self._seen:
             return None
-        return self._jerk(turn - times * before, predicted, frame.camera)
+        return self._jerk(turn - times * before, predicted)
 
     def miss(self) -> None:
         """A frame of which there is no image."""
@@ -107,25 +112,21 @@ class CameraFollower:
         if len(self._poses) < 3 or len(self._turns) < 2:
             return
         before, turn = self._turns
-        jerk = None if before is None or turn is None else self._jerk(turn - self._times * before, cam_T_obj, camera)
+        jerk = None if before is None or turn is None else self._jerk(turn - self._times * before, cam_T_obj)
         if jerk is None:
             return
         centre_obj, (first, second, third) = self._part.box_centre, self._poses
         last = self._times * pose_step_between(first, second, centre_obj)
         seen = pose_step_between(second, third, centre_obj) - last
-        px_per_mm = self._px_per_mm(cam_T_obj, camera)
+        px_per_mm = camera.fx / max(float(transform(cam_T_obj, centre_obj)[2]), 1e-6)
         # Turns count by what they move at the part's rim; along the line of sight little is seen.
         px = px_per_mm * np.array([*[self._part.radius] * 3, 1.0, 1.0, 0.0])
         memory = self._config.memory
         self._seen = memory * self._seen + float(np.square(px * seen).sum())
         self._own = memory * self._own + float(np.square(px * (seen - jerk)).sum())
 
-    def _jerk(self, turn: FloatArray, cam_T_obj: FloatArray, camera: Camera) -> FloatArray | None:
+    def _jerk(self, turn: FloatArray, cam_T_obj: FloatArray) -> FloatArray | None:
         """(6,) step of the part, at a pose (4, 4), by a camera's turn (3,); None for one that is too small."""
         shift = np.cross(turn, transform(cam_T_obj, self._part.box_centre))
-        if self._px_per_mm(cam_T_obj, camera) * float(np.hypot(shift[0], shift[1])) < max(self._config.least_px, 1e-6):
-            return None
-        return np.concatenate([turn, shift])
-
-    def _px_per_mm(self, cam_T_obj: FloatArray, camera: Camera) -> float:
-        return camera.fx / max(float(transform(cam_T_obj, self._part.box_centre)[2]), 1e-6)
+        is_small = float(np.hypot(shift[0], shift[1])) < self._config.least_share * self._part.diameter
+        return None if is_small else np.concatenate([turn, shift])

@@ -9,6 +9,7 @@ allows.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -44,7 +45,7 @@ class KalmanPrediction:
 
     kind: ClassVar[str] = "kalman"
     weighs_images: ClassVar[bool] = True
-    in_mm: ClassVar[tuple[str, ...]] = ("shift_mm", "first_shift_mm")
+    in_mm: ClassVar[Mapping[str, int]] = {"shift_mm": 1, "first_shift_mm": 1}
     turn_deg: float = 0.7
     shift_mm: float = 1.5
     speed_share: float = 0.2

@@ -16,16 +16,20 @@ Settings = TypeVar("Settings", bound=Any)
 def for_size(settings: Settings, times: float) -> Settings:
     """Settings, a dataclass, for a part that is so many times as large as those that they were made for.
 
-    What their class names in `in_mm` is multiplied, and so it is in the settings that they hold.
+    Their class says by `in_mm` which of them are in which power of mm, such as 1 for a length and -2 for the inverse of
+    its variance; these are multiplied, and so they are in settings that they hold, one or several.
     """
     if times == 1.0:
         return settings
-    in_mm = getattr(settings, "in_mm", ())
-    changed: dict[str, Any] = {}
-    for field in fields(settings):
-        value = getattr(settings, field.name)
-        if is_dataclass(value):
-            changed[field.name] = for_size(value, times)
-        elif field.name in in_mm:
-            changed[field.name] = tuple(times * one for one in value) if isinstance(value, tuple) else times * value
-    return replace(settings, **changed)
+    in_mm = getattr(settings, "in_mm", {})
+    return replace(
+        settings, **{f.name: _scaled(getattr(settings, f.name), times, in_mm.get(f.name, 0)) for f in fields(settings)}
+    )
+
+
+def _scaled(value: Any, times: float, power: int) -> Any:
+    if is_dataclass(value):
+        return for_size(value, times)
+    if isinstance(value, tuple):
+        return tuple(_scaled(one, times, power) for one in value)
+    return times**power * value if power else value

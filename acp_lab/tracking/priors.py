@@ -6,7 +6,7 @@ in px of the control points, the motion prior in standard deviations of the pred
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -67,10 +67,12 @@ class TikhonovPrior:
     """Configuration: each step is damped by fixed amounts, as in SRT3D; what the image sees clearly is hardly held.
 
     Attributes:
-        rotation: information per squared radian; translation: per squared mm, about the part's centre.
+        rotation: information per squared radian; translation: per squared mm, about the part's centre, of parts of
+            usual size, see `part_size`.
     """
 
     kind: ClassVar[str] = "tikhonov"
+    in_mm: ClassVar[Mapping[str, int]] = {"translation": -2}
     rotation: float = 2000.0
     translation: float = 0.1
 

@@ -76,16 +76,16 @@ class Tracker:
         check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
         self.model = model
         self.part = model.part
-        self.solver = FrameSolver(model, method_named(method) if isinstance(method, str) else method)
-        self.method = self.solver.method
+        self.method = method_named(method) if isinstance(method, str) else method
+        self.solver = FrameSolver(model, self.method)
         self._pursuit = Pursuit(self.solver)
         self.records_steps = False
         self.records_target = False
         self._first: FirstFrame | None = None
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
         self._finder = LateFinder(model)
-        self._assessment = Assessment(model.part, self.method)
-        self._whereabouts = Whereabouts(model, self.method, self._assessment, self._finder)
+        self._assessment = Assessment(model.part, self.solver.method)
+        self._whereabouts = Whereabouts(model, self.solver.method, self._assessment, self._finder)
         self._corners_obj = box_corners(model.part)
         camera, takes_jerks = self.method.camera, isinstance(self.method.prediction, KalmanPrediction)
         self._camera = CameraFollower(model.part, camera) if isinstance(camera, CameraMotion) and takes_jerks else None
@@ -172,7 +172,7 @@ class Tracker:
         if not self._trusted and not isinstance(self.method.uncertainty, Off):
             solution = self.solver.weigh(seen, solution)
         if self._camera is not None:
-            self._camera.begin(as_given, solution.cam_T_obj)
+            self._camera.begin(frame, solution.cam_T_obj)
         self._shown.keep(as_given, solution.cam_T_obj)
         self._times.begin(as_given)
         return self._result(frame, pose, solution, quality, clock, begin_s, note)
@@ -202,11 +202,11 @@ class Tracker:
             pursuit.predictor.coast()
             note = "; ".join(filter(None, (frame.reason, whereabouts.miss())))
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
-        if self._shown.is_again_in(frame):
+        if comes_again := self._shown.is_again_in(frame):
             pursuit.predictor.repeat()
-        else:
-            self._follow_camera(frame, step, clock)
         as_given, frame = frame, self._steady(frame, self.predicted, clock)
+        if not comes_again:
+            self._follow_camera(frame, step, clock)
         self.solver.magnify(frame.camera, self.predicted)
         proposals, other = whereabouts.proposals(frame, clock), None
         if proposals:

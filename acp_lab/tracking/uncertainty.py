@@ -12,6 +12,7 @@ docs/benchmark.md).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -36,7 +37,7 @@ class PoseUncertainty:
     """
 
     kind: ClassVar[str] = "calibrated"
-    in_mm: ClassVar[tuple[str, ...]] = ("outline_mm", "crease_mm")
+    in_mm: ClassVar[Mapping[str, int]] = {"outline_mm": 1, "crease_mm": 1}
     image: float = 2.9
     outline_mm: float = 0.18
     crease_mm: float = 5.0
@@ -46,8 +47,8 @@ class PoseUncertainty:
         if not 1e-6 <= self.image <= 1e6:
             raise TrackingError(f"uncertainty.image = {self.image:g}: give 1e-6 to 1e6")
         for name in ("outline_mm", "crease_mm", "shift_px"):
-            if not 0.0 <= getattr(self, name) <= 1e6:
-                raise TrackingError(f"uncertainty.{name} = {getattr(self, name):g}: give 0 to 1e6")
+            if not 0.0 <= getattr(self, name) <= 1e9:
+                raise TrackingError(f"uncertainty.{name} = {getattr(self, name):g}: give 0 to 1e9")
 
     def covariance(self, information: FloatArray, mm_per_px: float) -> FloatArray:
         """(6, 6) of a pose step (rad, mm) about the part's centre, in camera axes.

@@ -75,14 +75,15 @@ def test_jerks_are_known_before_the_part_is_looked_for() -> None:
     frames = shaken()
     truths = [pose for _, pose in frames]
     steps = follower(frames, truths)
-    assert steps[0] is None  # how the camera turned before nobody knows
+    # How the camera turned before the first nobody knows, and one jerk has to be seen in the part.
+    assert steps[:2] == [None, None]
     jerks_mm = []
     for number in range(1, COUNT - 1):
         before, now = (pose_step_between(truths[k], truths[k + 1], PART.box_centre) for k in (number - 1, number))
         # The part's own motion is even.
         jerk, step = now - before, steps[number]
         is_small = CAMERA.fx * np.hypot(*jerk[3:5]) / 260.0 < 3.5
-        assert step is not None or is_small
+        assert step is not None or is_small or number == 1
         if step is not None:
             np.testing.assert_allclose(step, jerk, atol=2.0 * 260.0 / CAMERA.fx)
         jerks_mm.append(np.abs(jerk[3:5]).max())
@@ -92,7 +93,7 @@ def test_jerks_are_known_before_the_part_is_looked_for() -> None:
 def test_a_part_that_the_camera_carries_is_not_expected_to_move() -> None:
     frames = shaken()
     steps = follower(frames, poses(PART, START, COUNT, STEP))
-    assert all(step is None for step in steps[3:])
+    assert all(step is None for step in steps)
 
 
 def test_a_camera_on_a_stand_foretells_nothing() -> None:
@@ -175,7 +176,9 @@ def test_a_frame_that_cannot_be_read_and_one_that_comes_again_do_no_harm(model: 
         assert add_percent(PART, result.cam_T_obj, truth) < 5.0
 
 
-@pytest.mark.parametrize("setting", [{"margin_px": -1.0}, {"least_px": float("nan")}, {"memory": 1.0}], ids=str)
+@pytest.mark.parametrize(
+    "setting", [{"margin_px": -1.0}, {"least_share": float("nan")}, {"least_share": 0.0}, {"memory": 1.0}], ids=str
+)
 def test_settings_are_checked(setting: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"camera\."):
         CameraMotion(**setting)

@@ -89,7 +89,7 @@ FUSED = Method(
     ),
     priors=(MotionPrior(0.5), ControlPointDamping()),
     prediction=KalmanPrediction(1.0, 2.0, 0.1, 5.0, 0.15, 1.5, 2.5, 3.0, 2.0, 0.3),
-    camera=CameraMotion(1.0, 5.0, 0.5),
+    camera=CameraMotion(0.1, 5.0, 0.5),
     sight=PictureSearch(20, 0.5, 0.7, 0.4, 0.2, 3.0, 3.0, 5.0),
     start=TrustedStart(agreement_alone=0.65),
     recovery=Alternatives(

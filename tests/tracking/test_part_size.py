@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, ClassVar
 
@@ -26,33 +27,37 @@ FRAMES, DISTANCE = 6, 260.0
 
 @dataclass(frozen=True)
 class Inner:
-    in_mm: ClassVar[tuple[str, ...]] = ("reach",)
+    in_mm: ClassVar[Mapping[str, int]] = {"reach": 1, "stiffness": -2}
     reach: float = 2.0
+    stiffness: float = 1.0
     share: float = 0.5
 
 
 @dataclass(frozen=True)
 class Outer:
-    in_mm: ClassVar[tuple[str, ...]] = ("limits",)
+    in_mm: ClassVar[Mapping[str, int]] = {"limits": 1}
     inner: Inner = Inner()
+    several: tuple[Inner, ...] = (Inner(),)
     limits: tuple[float, float] = (1.0, 3.0)
     reach: float = 7.0
 
 
 def test_only_what_is_in_mm_grows() -> None:
-    assert for_size(Outer(), 4.0) == Outer(Inner(8.0), (4.0, 12.0))
+    large = Inner(8.0, 1.0 / 16.0)
+    assert for_size(Outer(), 4.0) == Outer(large, (large,), (4.0, 12.0))
     assert for_size(Outer(), 1.0) == Outer()
 
 
-def in_mm(settings: Any) -> dict[str, Any]:
-    """Settings that are named as lengths in mm, or called so by their class, by their paths."""
-    found = {}
+def in_mm(settings: Any) -> dict[str, tuple[Any, int]]:
+    """Settings that are named as lengths in mm, or told so by their class, by their paths, with their power of mm."""
+    found: dict[str, tuple[Any, int]] = {}
     for field in fields(settings):
-        value = getattr(settings, field.name)
-        if is_dataclass(value):
-            found |= {f"{field.name}.{name}": inner for name, inner in in_mm(value).items()}
-        elif field.name.endswith("_mm") or field.name in getattr(settings, "in_mm", ()):
-            found[field.name] = value
+        value, powers = getattr(settings, field.name), getattr(settings, "in_mm", {})
+        for number, one in enumerate(value if isinstance(value, tuple) else (value,)):
+            if is_dataclass(one):
+                found |= {f"{field.name}.{number}.{name}": inner for name, inner in in_mm(one).items()}
+        if field.name.endswith("_mm") or field.name in powers:
+            found[field.name] = value, powers.get(field.name, 1)
     return found
 
 
@@ -60,27 +65,30 @@ def in_mm(settings: Any) -> dict[str, Any]:
 def test_every_setting_in_mm_is_in_proportion(method: Any) -> None:
     told, large = in_mm(method), in_mm(for_size(method, 8.0))
     assert set(told) == set(large)
-    for name, value in told.items():
-        assert large[name] == pytest.approx(np.multiply(8.0, value)), name
+    for name, (value, power) in told.items():
+        assert large[name][0] == pytest.approx(np.multiply(8.0**power, value)), name
 
 
 def test_acp_has_such_settings() -> None:
     names = set(in_mm(ACP))
-    assert {"prediction.shift_mm", "learning.offsets.largest", "learning.profiles.outline_mm"} < names
-    assert {"uncertainty.outline_mm", "learning.offsets.inner_limits"} < names
+    assert {"prediction.0.shift_mm", "learning.0.offsets.0.largest", "learning.0.profiles.0.outline_mm"} < names
+    assert {"uncertainty.0.outline_mm", "learning.0.offsets.0.inner_limits"} < names
+    assert "priors.0.translation" in in_mm(METHODS["region"])
 
 
 @pytest.mark.parametrize("share", [0.001, 0.3, 0.999])
 def test_parts_of_usual_size_are_tracked_with_settings_as_they_are(share: float) -> None:
     part = made((1.0 - share) * USUAL_DIAMETERS[0] + share * USUAL_DIAMETERS[1])
     assert part.times_usual == 1.0
-    assert Tracker(prepared(part)).method is ACP
+    assert Tracker(prepared(part)).solver.method is ACP
 
 
 def test_a_tracker_has_the_settings_of_its_part() -> None:
     part = made(320.0)
     assert part.times_usual == pytest.approx(2.0)
-    prediction = Tracker(prepared(part)).method.prediction
+    tracker = Tracker(prepared(part))
+    prediction = tracker.solver.method.prediction
+    assert tracker.method is ACP  # as it was given, for another tracker, too
     assert isinstance(prediction, KalmanPrediction)
     assert prediction.shift_mm == pytest.approx(2.0 * KalmanPrediction().shift_mm)
     assert made(30.0).times_usual == pytest.approx(0.5)
@@ -112,12 +120,12 @@ def tracked(times: float, method: Any = ACP) -> list[tuple[FloatArray, float]]:
             result = tracker.track(frame)
         pose = result.cam_T_obj.copy()
         pose[:3, 3] /= times
-        assert number == 0 or PartMetric(small).percent(pose, truth) < 5.0
+        assert number == 0 or PartMetric(small).percent(pose, truth) < (5.0 if method.name.startswith("acp") else 60.0)
         found.append((pose, result.quality))
     return found
 
 
-@pytest.mark.parametrize("name", ["acp", "acp-edges"])
+@pytest.mark.parametrize("name", ["acp", "acp-edges", "region", "slet"])
 def test_a_larger_part_farther_away_is_tracked_to_the_same_poses(name: str) -> None:
     """A power of two, so that even rounding is the same."""
     method = METHODS[name]

@@ -20,6 +20,7 @@ The spread becomes a weight in the solver: samples with a well-known offset deci
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -64,9 +65,9 @@ class OffsetConfig:
     """
 
     kind: ClassVar[str] = "on"
-    in_mm: ClassVar[tuple[str, ...]] = (
-        "known_spread", "cell_spread", "unknown_spread", "inner_spread", "inner_limits", "largest", "follow_noise",
-    )  # fmt: skip
+    in_mm: ClassVar[Mapping[str, int]] = dict.fromkeys(
+        ("known_spread", "cell_spread", "unknown_spread", "inner_spread", "inner_limits", "largest", "follow_noise"), 1
+    )
     break_share: float = 0.8
     edge_spread_px: float = 0.3
     known_spread: float = 0.15

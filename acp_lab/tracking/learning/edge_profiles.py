@@ -13,6 +13,7 @@ Convention: across an edge, positive leads off the material for outlines, else t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -66,7 +67,7 @@ class ProfileConfig:
     """
 
     kind: ClassVar[str] = "on"
-    in_mm: ClassVar[tuple[str, ...]] = ("usual_break_mm", "outline_mm", "trait_shift_mm")
+    in_mm: ClassVar[Mapping[str, int]] = {"usual_break_mm": 1, "outline_mm": 1, "trait_shift_mm": 1}
     largest_px: float = 1.5
     spread_share: float = 0.7
     break_share: float = 0.4
@@ -83,16 +84,16 @@ class ProfileConfig:
                 raise TrackingError(f"learning.profiles.{name} = {value:g}: give a number above 0, at most 100")
         if not 0.0 <= self.break_share <= 10.0:
             raise TrackingError(f"learning.profiles.break_share = {self.break_share:g}: give 0 to 10")
-        if not abs(self.outline_mm) <= 1000.0:
-            raise TrackingError(f"learning.profiles.outline_mm = {self.outline_mm:g}: give mm from -1000 to 1000")
-        if not 0.0 <= self.usual_break_mm <= 1000.0:
-            raise TrackingError(f"learning.profiles.usual_break_mm = {self.usual_break_mm:g}: give mm from 0 to 1000")
+        if not abs(self.outline_mm) <= 1e6:
+            raise TrackingError(f"learning.profiles.outline_mm = {self.outline_mm:g}: give mm from -1e6 to 1e6")
+        if not 0.0 <= self.usual_break_mm <= 1e6:
+            raise TrackingError(f"learning.profiles.usual_break_mm = {self.usual_break_mm:g}: give mm from 0 to 1e6")
         if not 0.0 <= self.evidence_share <= 1.0:
             raise TrackingError(f"learning.profiles.evidence_share = {self.evidence_share:g}: give 0 to 1")
         if not 0.0 <= self.trait_memory < 1.0:
             raise TrackingError(f"learning.profiles.trait_memory = {self.trait_memory:g}: give 0 to less than 1")
-        if not 1e-6 <= self.trait_shift_mm <= 1e6:
-            raise TrackingError(f"learning.profiles.trait_shift_mm = {self.trait_shift_mm:g}: give mm above 0")
+        if not 1e-9 <= self.trait_shift_mm <= 1e9:
+            raise TrackingError(f"learning.profiles.trait_shift_mm = {self.trait_shift_mm:g}: give mm from 1e-9 to 1e9")
 
     def expected_mm(self, edge_break_mm: float) -> float:
         """Where outlines are expected beside what their profiles tell, outward, before any was measured."""
