@@ -9,16 +9,18 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from acp_lab.cad.part import USUAL_DIAMETERS, Part
+from acp_lab.cad.part import LARGEST_DIAMETER, SMALLEST_DIAMETER, USUAL_DIAMETERS, Part
 from acp_lab.evaluation.part_metric import PartMetric
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import disturb_pose
 from acp_lab.prepared_part import DEFAULT_EDGE_BREAK_MM
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.kalman import KalmanPrediction
+from acp_lab.tracking.learning.edge_profiles import ProfileConfig
 from acp_lab.tracking.method import ACP, METHODS
 from acp_lab.tracking.part_size import for_size
 from acp_lab.tracking.tracker import Tracker
+from acp_lab.tracking.uncertainty import PoseUncertainty
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import CAMERA, draw, poses, prepared
 
@@ -92,6 +94,16 @@ def test_a_tracker_has_the_settings_of_its_part() -> None:
     assert isinstance(prediction, KalmanPrediction)
     assert prediction.shift_mm == pytest.approx(2.0 * KalmanPrediction().shift_mm)
     assert made(30.0).times_usual == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("times", [SMALLEST_DIAMETER / USUAL_DIAMETERS[0], LARGEST_DIAMETER / USUAL_DIAMETERS[1]])
+def test_settings_that_are_taken_serve_parts_of_any_size(times: float) -> None:
+    for settings in (
+        PoseUncertainty(crease_mm=1e6),
+        ProfileConfig(outline_mm=-100.0, usual_break_mm=100.0, trait_shift_mm=1e6),
+        ProfileConfig(trait_shift_mm=1e-5),
+    ):
+        assert for_size(settings, times) != settings
 
 
 def made(diameter: float) -> Part:
