@@ -102,7 +102,7 @@ def test_layout(dataset: Path) -> None:
 
 
 def assert_same(path: Path, expected: Path) -> None:
-    """To the byte; images but for rounding, which libraries do not promise: a grey that tips over moves a whole block."""
+    """To the byte; images but for rounding, which libraries do not promise: a grey that tips over moves a block."""
     if path.suffix != ".jpg":
         assert path.read_bytes() == expected.read_bytes(), path
         return
