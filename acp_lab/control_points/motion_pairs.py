@@ -43,8 +43,8 @@ class PairConfig:
         views: motion pairs in all.
         turn_deg, shift_mm: the motion between the two views of a pair, both at once (paper: 0.5 degrees, 5 mm).
             Parts that are smaller or larger than usual, see `cad.part.USUAL_DIAMETERS`, shift by less or more in
-            proportion, and none by more than a tenth of its diameter. (Deviation from the paper, whose parts are
-            of usual size.)
+            proportion, and none by more than a tenth of its diameter. (Deviation from the paper, which does not say
+            for parts of which size its 5 mm are.)
         overlap: share by which the views reach into the neighbouring regions.
         nearest, farthest: distances of the eye in diameters.
         size: side of the square virtual image in px; the part nearly fills it.

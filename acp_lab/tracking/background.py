@@ -51,10 +51,10 @@ class Background:
         self._small: ByteImage | None = None
         self._camera: Camera | None = None
         self._step = 1
-        # Of the last picture in which something moved: corners (n, 2) px, and what they look like.
+        # Of the last picture in which something moved: corners (n, 2) px, and what they look like. Of the corners that
+        # were found last there were so many.
         self._corners: np.ndarray = np.empty((0, 2), np.float32)
         self._found = 0
-        self._places: IntArray = np.empty((0, 2), np.int64)
         self._looks: ByteImage = np.empty((0, 2 * _HALF_PX + 1, 2 * _HALF_PX + 1), np.uint8)
 
     def turn(self, frame: Frame, part: Box | None) -> FloatArray | None:
@@ -73,7 +73,7 @@ class Background:
             self._find(small, part)
             return None
         # Of a camera that stands still nothing is kept: the picture that is there shows the same.
-        if camera == frame.camera and len(self._places) >= _FEWEST and self._is_still(small):
+        if camera == frame.camera and len(self._corners) >= _FEWEST and self._is_still(small):
             return np.zeros(3)
         self._small, turn = small, None
         if len(self._corners) >= _FEWEST:
@@ -90,6 +90,11 @@ class Background:
             self._corners = new
         self._keep(small, part)
         return turn
+
+    @property
+    def _places(self) -> IntArray:
+        """(n, 2) px, whole ones, of the corners."""
+        return np.rint(self._corners).astype(np.int64)
 
     def _is_still(self, small: ByteImage) -> bool:
         return float(np.median(shifts_px(writable(small), self._places, self._looks))) < _STILL_PX
@@ -122,7 +127,6 @@ class Background:
         self._look_at(small)
 
     def _look_at(self, small: ByteImage) -> None:
-        self._places = np.rint(self._corners).astype(np.int64)
         around = np.arange(-_HALF_PX, _HALF_PX + 1)
         x, y = self._places.T
         self._looks = small[y[:, None, None] + around[:, None], x[:, None, None] + around]
@@ -158,38 +162,29 @@ def shifts_px(small: ByteImage, places: IntArray, looks: ByteImage) -> FloatArra
     is does not matter; one that changed by more than half of what it shows has moved far.
     """
     count, side = looks.shape[0], looks.shape[1]
-    half = side // 2
+    half, area = side // 2, float((side - 2) * (side - 2))
     shifts = np.empty(count)
-    area = float((side - 2) * (side - 2))
     for n in range(count):
         x0, y0 = places[n, 0] - half, places[n, 1] - half
-        sums = np.zeros(11)  # of x, y slopes, change, look; of their products
+        # Sums of slopes across and down, changes and looks, and of their products.
+        x, y, d, look = 0.0, 0.0, 0.0, 0.0
+        xx, xy, yy, xd, yd, dd, looks2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(1, side - 1):
             for j in range(1, side - 1):
                 across = 0.5 * (np.float64(looks[n, i, j + 1]) - np.float64(looks[n, i, j - 1]))
                 down = 0.5 * (np.float64(looks[n, i + 1, j]) - np.float64(looks[n, i - 1, j]))
-                look = np.float64(looks[n, i, j])
-                change = np.float64(small[y0 + i, x0 + j]) - look
-                sums[0] += across
-                sums[1] += down
-                sums[2] += change
-                sums[3] += across * across
-                sums[4] += across * down
-                sums[5] += down * down
-                sums[6] += across * change
-                sums[7] += down * change
-                sums[8] += change * change
-                sums[9] += look
-                sums[10] += look * look
-        xx = sums[3] - sums[0] * sums[0] / area
-        xy = sums[4] - sums[0] * sums[1] / area
-        yy = sums[5] - sums[1] * sums[1] / area
-        xd = sums[6] - sums[0] * sums[2] / area
-        yd = sums[7] - sums[1] * sums[2] / area
-        changed, shown = sums[8] - sums[2] * sums[2] / area, sums[10] - sums[9] * sums[9] / area
-        if changed > 0.5 * shown:
+                grey = np.float64(looks[n, i, j])
+                change = np.float64(small[y0 + i, x0 + j]) - grey
+                x, y, d, look = x + across, y + down, d + change, look + grey
+                xx, xy, yy = xx + across * across, xy + across * down, yy + down * down
+                xd, yd, dd = xd + across * change, yd + down * change, dd + change * change
+                looks2 += grey * grey
+        if dd - d * d / area > 0.5 * (looks2 - look * look / area):
             shifts[n] = np.inf
             continue
+        # About their means.
+        xx, xy, yy = xx - x * x / area, xy - x * y / area, yy - y * y / area
+        xd, yd = xd - x * d / area, yd - y * d / area
         determinant = xx * yy - xy * xy + 1e-3
         shifts[n] = np.sqrt((yy * xd - xy * yd) ** 2 + (xx * yd - xy * xd) ** 2) / determinant
     return shifts

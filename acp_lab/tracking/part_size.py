@@ -1,8 +1,8 @@
 """Settings in mm are for parts of usual size, 60 to 160 mm; for smaller and larger ones they are in proportion.
 
 A screw that is held before the lens and a casting that hangs from a crane appear equally long, and move equally far in
-the image. By how many mm they do, and by how many their edges lie beside the CAD's, goes with their size. The paper's
-parts are some 100 mm long, and nothing there tells what becomes of others.
+the image. By how many mm they do, and by how many their edges lie beside the CAD's, goes with their size. (The paper
+has one setting in mm, and does not say for parts of which size; see docs/paper-ledger.md.)
 """
 
 from __future__ import annotations

@@ -235,14 +235,14 @@ class Tracker:
             pursuit.remember(frame, solution.cam_T_obj)
         else:
             pursuit.go_on_from(solution, quality)
+            if self._camera is not None:
+                self._camera.found(solution.cam_T_obj, frame.camera)
         if whereabouts.may_teach:
             self._learn(frame, solution, clock)
             self._measure_again(first, solution.cam_T_obj, clock)
         elif not whereabouts.is_lost:
             pursuit.remember(frame, solution.cam_T_obj)
         if not whereabouts.is_lost:
-            if self._camera is not None:
-                self._camera.found(solution.cam_T_obj, frame.camera)
             self._shown.keep(as_given, solution.cam_T_obj)
             # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
             pursuit.usual.take_in(solution)
