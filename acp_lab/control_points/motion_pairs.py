@@ -42,9 +42,9 @@ class PairConfig:
     Attributes:
         views: motion pairs in all.
         turn_deg, shift_mm: the motion between the two views of a pair, both at once (paper: 0.5 degrees, 5 mm).
-            Parts that are smaller or larger than usual, see `cad.part.USUAL_DIAMETERS`, shift by less or more in
-            proportion, and none by more than a tenth of its diameter. (Deviation from the paper, which does not say
-            for parts of which size its 5 mm are.)
+            Parts that are larger than usual, see `cad.part.USUAL_DIAMETERS`, shift by more in proportion, and small
+            ones by no more than a tenth of their diameter. (Deviation from the paper, which does not say for parts of
+            which size its 5 mm are.)
         overlap: share by which the views reach into the neighbouring regions.
         nearest, farthest: distances of the eye in diameters.
         size: side of the square virtual image in px; the part nearly fills it.
@@ -109,7 +109,7 @@ def make_motion_pairs(
             f"motion pairs at {config.nearest:g} to {config.farthest:g} diameters, {config.size} px: keep the eye "
             "a diameter or more away, and the image at 32 px or more"
         )
-    shift_mm = min(part.times_usual * config.shift_mm, LARGEST_SHIFT_IN_DIAMETERS * part.diameter)
+    shift_mm = min(max(part.times_usual, 1.0) * config.shift_mm, LARGEST_SHIFT_IN_DIAMETERS * part.diameter)
     matrices, before, after, points, points_after, distances = [], [], [], [], [], []
     rng = np.random.default_rng([seed, region.index, 2])
     directions = sample_directions(region, 0.5 * part.box_size, config.views, config.overlap, seed)
