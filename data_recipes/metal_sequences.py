@@ -21,7 +21,7 @@ from collections.abc import Sequence  # noqa: E402
 from itertools import islice  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-from data_recipes.command import Parser, count, names_of, positive, run, whole  # noqa: E402
+from data_recipes.command import Parser, count, names_of, positive, run, share, whole  # noqa: E402
 from data_recipes.metal.plan import FIRST_PARTS, KINDS, PART_NAMES, SPP, Plan, SceneConfig  # noqa: E402
 
 SIZES = ("640x512", "1224x1024")
@@ -57,6 +57,7 @@ def make_plans(args: argparse.Namespace) -> list[Plan]:
                 trans_mm=args.trans_mm_per_frame,
                 clutter=args.clutter,
                 shake_deg=args.shake_deg,
+                readout=args.rolling_shutter,
             ),
         )
         for k in range(count)
@@ -108,6 +109,10 @@ def build_parser() -> Parser:
     parser.add_argument("--rot-deg-per-frame", type=positive, help="mean; default: by kind, 1.5 to 3.8")
     parser.add_argument("--trans-mm-per-frame", type=positive, help="mean; default: by kind, 1.5 to 4.5")
     parser.add_argument("--shake-deg", type=positive, default=0.0, help="of a camera in a hand, rms turn (0: a stand)")
+    parser.add_argument(
+        "--rolling-shutter", type=share, default=0.0, metavar="SHARE",
+        help="of the time between frames, in which rows are read one after another (0: all at once); our renderer only",
+    )
     parser.add_argument("--clutter", type=whole, help="number of other objects on the bench (default: 9 to 13)")
     parser.add_argument("--image-format", choices=("jpg", "png"), default="jpg", help="jpg (default) or png")
     parser.add_argument("--contact-sheet", type=Path, metavar="PNG", help="also write a picture of what was made")

@@ -1,12 +1,15 @@
-"""The first frame, measured once more when it is known how far motion smeared its edges.
+"""The first frame, measured once more when it is known how far motion smeared its edges, or where it shows them.
 
 Offsets of edges are measured in the first frame, where the pose is known best. What the part moves and for how long
 the shutter is open nobody knows then; where edges are smeared, what is taken for their offsets may be any place in the
-smear. The second frame tells the motion, a few fast edges the shutter, and with both the first image is read again.
+smear, and where the image was read row by row, they are shown elsewhere. The second frame tells the motion, a few fast
+edges the shutter, and with both the first image is read again.
 (Not in the paper; see docs/paper-ledger.md.)
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import pose_step_between
@@ -15,8 +18,12 @@ from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.start import LOOK_LEVEL
 from acp_lab.tracking.stopwatch import Stopwatch
 
-# Where no more than a tenth of the edges is smeared by more, the first measurement stands.
-_SMEARED_PX, _SMEARED_SHARE = 3.0, 0.1
+# Where no more than a tenth of the edges is smeared by more, or is shown farther off, the first measurement stands.
+_SMEARED_PX, _SHOWN_OFF_PX, _SHARE = 3.0, 0.5, 0.1
+# So many frames it is kept for, for a readout: then the offsets have followed what was seen.
+_FRAMES = 12
+# By how much a readout must have become another to be news.
+_NEWS = 0.1
 
 
 class FirstFrame:
@@ -26,29 +33,42 @@ class FirstFrame:
         self._frame = frame.to_keep()
         self._cam_T_obj, self._region = cam_T_obj, region
         self._motion: FloatArray | None = None
+        self._age = 0
+        self._smear_was_known = False
+        self._readout = np.zeros(2)
 
     def measure_again(self, solver: FrameSolver, cam_T_obj: FloatArray, clock: Stopwatch) -> bool:
-        """Measure its offsets again if the smear of its edges is known by now; whether it is still to be kept.
+        """Measure its offsets again if more is known of the shutter by now; whether it is still to be kept.
 
         cam_T_obj: (4, 4) the pose in the frame after; at the first call this is the second frame, which tells the
             motion.
         """
         knowledge, pose = solver.knowledge, self._cam_T_obj
-        if knowledge.blur is None:
-            return False
         if self._motion is None:
             self._motion = pose_step_between(pose, cam_T_obj, solver.part.box_centre)
-        if knowledge.blur.share == 0.0:
-            return True
-        frame = self._frame
+        self._age += 1
+        smear_is_known = knowledge.blur is None or knowledge.blur.share > 0.0
+        smear_is_new = smear_is_known and not self._smear_was_known
+        readout = np.zeros(2) if knowledge.readout is None else knowledge.readout
+        if smear_is_new or np.abs(readout - self._readout).max() > _NEWS:
+            self._look_again(solver, smear_is_new, readout, clock)
+        self._smear_was_known = smear_is_known
+        return not smear_is_known or (knowledge.shutter is not None and self._age < _FRAMES)
+
+    def _look_again(self, solver: FrameSolver, smear_is_new: bool, readout: FloatArray, clock: Stopwatch) -> None:
+        frame, knowledge, pose = self._frame, solver.knowledge, self._cam_T_obj
+        self._readout = readout
         seen = solver.look(frame.image, frame.camera, pose, self._region, motion=self._motion)
-        if seen is not None:
-            at = seen.view.at_pose(pose)
-            edges = solver.source.generate(at, LOOK_LEVEL.samples)
-            smear_px = knowledge.blur_px(edges, edges.normals, at)
-            if smear_px is not None and (smear_px > _SMEARED_PX).mean() > _SMEARED_SHARE:
-                knowledge.forget_offsets()
-                again = solver.look_at(seen, at, LOOK_LEVEL, clock)
-                if again is not None and again.judgement.matches is not None:
-                    knowledge.measure_offsets(again.judgement.matches)
-        return False
+        if seen is None:
+            return
+        at = seen.view.at_pose(pose)
+        edges = solver.source.generate(at, LOOK_LEVEL.samples)
+        smear_px = knowledge.blur_px(edges, edges.normals, at) if smear_is_new else None
+        is_smeared = smear_px is not None and (smear_px > _SMEARED_PX).mean() > _SHARE
+        points_obj = knowledge.edges.points_obj[edges.sample_ids]
+        off_px = np.linalg.norm(at.read_places(edges.points, points_obj) - edges.points, axis=1)
+        if is_smeared or (off_px > _SHOWN_OFF_PX).mean() > _SHARE:
+            knowledge.forget_offsets()
+            again = solver.look_at(seen, at, LOOK_LEVEL, clock)
+            if again is not None and again.judgement.matches is not None:
+                knowledge.measure_offsets(again.judgement.matches)

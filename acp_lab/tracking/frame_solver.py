@@ -159,6 +159,7 @@ class FrameSolver:
             self.source.canonical_size,
             information,
             motion,
+            self.knowledge.readout,
             image=image,
             box=box,
             edge_box=edge_box or box,
@@ -235,6 +236,13 @@ class FrameSolver:
         """How many of the image's edge pixels the part's edges at an estimate explain, see `explained_edges`."""
         edges = self._generate_or_none(at, EVERY_SAMPLE)
         return 0 if edges is None else seen.image_edges.explained(edges.points)
+
+    def shown_edges(self, solution: Solution) -> GeneratedEdges:
+        """The edges of a solution where the picture shows them, also where it was read while the part moved."""
+        edges, at = solution.judgement.edges, solution.estimate
+        if at.view.readout is None or (edges.sample_ids < 0).any():
+            return edges
+        return replace(edges, points=at.read_places(edges.points, self._model.edges.points_obj[edges.sample_ids]))
 
     def levels_at(self, at: Estimate, levels: tuple[Level, ...] | None = None) -> tuple[Level, ...]:
         """The method's levels, or others, for the size that the part has in the image at an estimate."""

@@ -22,7 +22,13 @@ from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.planar_pnp_nearby import planar_pnp_nearby
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_kernels import invert
-from acp_lab.geometry.pose_step import control_point_jacobian, image_directions, step_jacobian
+from acp_lab.geometry.pose_step import (
+    control_point_jacobian,
+    image_directions,
+    pose_step_between,
+    step_jacobian,
+)
+from acp_lab.geometry.rolling_shutter import read_places
 
 Box = tuple[int, int, int, int]
 """(x0, y0, x1, y1) px of the full image; x1 and y1 excluded."""
@@ -47,6 +53,8 @@ class View:
             part's centre; None where nobody knows.
         motion: (6,) the pose step (rad, mm) about the part's centre that it is expected to make from frame to frame,
             which smears its edges while the shutter is open; None where nobody knows.
+        readout: (2,) how long the picture was read, see `geometry.rolling_shutter`; None where all at once, for all
+            that is known.
     """
 
     camera: Camera
@@ -57,6 +65,7 @@ class View:
     canonical_size: int = CANONICAL_SIZE
     prior_information: FloatArray | None = None
     motion: FloatArray | None = None
+    readout: FloatArray | None = None
 
     def at_pose(self, cam_T_obj: FloatArray) -> Estimate:
         """The estimate of a pose (4, 4)."""
@@ -163,6 +172,18 @@ class Estimate:
             object.__setattr__(self, "_lines", (normals, kept))
             return kept
         return self._lines[1]
+
+    def read_places(self, points: FloatArray, points_obj: FloatArray) -> FloatArray:
+        """(n, 2) px where the picture shows edge points that are at (n, 2) px, (n, 3) mm on the part.
+
+        Elsewhere where it was read row by row, while the part moved.
+        """
+        view = self.view
+        if view.readout is None or view.motion is None:
+            return points
+        centre_obj, pose = view.part.box_centre, self.cam_T_obj
+        motion = view.motion + pose_step_between(view.prior, pose, centre_obj)
+        return read_places(points, points_obj, pose, centre_obj, view.camera, motion, view.readout)
 
     @property
     def is_possible(self) -> bool:

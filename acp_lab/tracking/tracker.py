@@ -123,6 +123,16 @@ class Tracker:
         """(4, 4) mm: the pose that the next frame is predicted from."""
         return self._pursuit.last
 
+    @property
+    def readout(self) -> FloatArray | None:
+        """(2,) how long the camera seems to take to read a picture, as shares of the time between two frames.
+
+        From its left edge to its right one, and from top to bottom: one of them, above 0 or below, of a rolling
+        shutter. None while nothing was seen of one.
+        """
+        readout = self.solver.knowledge.readout
+        return None if readout is None else readout.copy()
+
     def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
         """Begin at a pose (4, 4) in the first frame.
 
@@ -438,7 +448,7 @@ class Tracker:
             quality=quality,
             state=self._whereabouts.state,
             region=self._pursuit.region,
-            edges=glass.edges(judgement.edges),
+            edges=glass.edges(self.solver.shown_edges(solution)),
             residuals_px=glass.lengths(judgement.residuals_px),
             iterations=solution.iterations,
             timings=clock.timings(frame.undistort_s, time.perf_counter() - begin_s),

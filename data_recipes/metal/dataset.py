@@ -29,7 +29,7 @@ from data_recipes.metal.cad_parts import CadPart
 from data_recipes.metal.path_traced import path_tracer
 from data_recipes.metal.plan import Plan, SceneConfig
 from data_recipes.metal.random_parts import part_named
-from data_recipes.metal.render import Picture, Renderer
+from data_recipes.metal.render import Picture, Renderer, RowByRowRenderer
 from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal.sensor import make_sensor
 
@@ -72,7 +72,8 @@ def render_scene(text: str) -> str:
     folder, part = Path(told["root"]) / "test" / f"{number:06d}", _part(told["part"])
     (folder / "rgb").mkdir(parents=True, exist_ok=True)  # it may be there of a worker that died
     scene = make_scene(part, SceneConfig(**told["config"]))
-    renderer = Renderer(scene) if spp is None else path_tracer(scene, spp)
+    own = RowByRowRenderer if scene.config.readout else Renderer
+    renderer = own(scene) if spp is None else path_tracer(scene, spp)
     _render_scene(folder, scene, renderer, object_id, told["suffix"])
     write_json(folder / "scene_meta.json", _meta(scene, number, object_id, part))
     return str(time.perf_counter() - start)
@@ -105,7 +106,8 @@ def _render_scene(folder: Path, scene: Scene, renderer: FrameRenderer, object_id
         noise = np.random.default_rng([scene.config.seed, 21, frame])
         write_image(folder / "rgb" / f"{frame:06d}{suffix}", sensor.expose(picture.image, noise))
         seen.append(visibility(picture.part_alone, picture.part_seen))
-    write_scene(folder, [scene.camera.matrix] * scene.config.frames, object_id, scene.truth.poses, seen)
+    poses = np.stack([scene.cam_T_part(frame) for frame in range(scene.config.frames)])
+    write_scene(folder, [scene.camera.matrix] * scene.config.frames, object_id, poses, seen)
 
 
 def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[str, object]:
@@ -122,6 +124,7 @@ def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[st
         "table": scene.table.kind,
         "moving": "part" if scene.held else "camera",
         "shake_deg": config.shake_deg,
+        "readout": config.readout,
         "light_moves": scene.lights is not None,
         "frames": config.frames,
         "fps": FPS,

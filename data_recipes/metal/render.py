@@ -1,13 +1,14 @@
 """The renderer: one picture from four passes, each with its own sub-pixel offset and its own moment of the exposure.
 
 The mean of the passes anti-aliases and blurs motion at once, and stays centred on the mid-exposure pose because
-offsets and moments both have mean zero.
+offsets and moments both have mean zero. A picture that is read row by row is made of bands of rows, each at its own
+time.
 Convention: world frame, mm; images are linear RGB; pixel (0, 0) is the centre of the top-left pixel.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from data_recipes.metal.environment import Patch
 from data_recipes.metal.lighting import LightMap, ambient_shade, lamp_shade, light_map
 from data_recipes.metal.primary_hits import BodyHits
 from data_recipes.metal.render_pass import KeptColours, Pass
-from data_recipes.metal.scene import Moment, Scene
+from data_recipes.metal.scene import Scene
 
 Passes = tuple[tuple[float, float, float], ...]
 """Offset of each pass in px, x and y, and its moment of the exposure, from -0.5 to 0.5."""
@@ -26,6 +27,8 @@ LONG_PASSES: Passes = (
     (-0.25, 0.25, 0.0625), (0.25, -0.25, 0.1875), (0.0, 0.45, 0.3125), (0.0, -0.45, 0.4375),
 )  # fmt: skip
 """Of exposures in which the part moves by more than some px: with four moments it would be seen four times."""
+
+_BAND_ROWS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +56,15 @@ class Renderer:
 
     def frame(self, index: int) -> Picture:
         """Render one frame."""
-        moment = self._scene.at(float(index))
-        light = self._table_light(moment, index)
+        return self.picture(index, float(index), self.table_light(index))
+
+    def picture(self, index: int, time: float, light: LightMap) -> Picture:
+        """Render a frame as it is seen at a time in frames, with what falls on the table."""
         total = np.zeros((self._scene.camera.height, self._scene.camera.width, 3), np.float32)
         masks: tuple[np.ndarray, np.ndarray] | None = None
         kept = KeptColours(len(self._rays_cam))
         for k, (dx, dy, dt) in enumerate(self._passes):
-            now = self._scene.at(index + dt * self._scene.exposure_frames)
+            now = self._scene.at(time + dt * self._scene.exposure_frames)
             rng = np.random.default_rng([self._scene.config.seed, 100, index, k])
             # A held part is seen by a camera that stands still: pass k meets the bench where it did in the last frame.
             one = Pass(self._scene, now, light, self._rays_cam, (dx, dy), rng, kept, self._bench_hits.get(k))
@@ -71,8 +76,9 @@ class Renderer:
         assert masks is not None
         return Picture(total, *masks)
 
-    def _table_light(self, moment: Moment, index: int) -> LightMap:
-        """The table's light map: shadows of what stands still are kept for as long as their lamp does."""
+    def table_light(self, index: int) -> LightMap:
+        """The table's light map of a frame: shadows of what stands still are kept for as long as their lamp does."""
+        moment = self._scene.at(float(index))
         scene, size, room = self._scene, self._map_size, moment.environment
         lying = () if scene.held else (moment.part,)
         still, moving = (*lying, moment.bench), moment.moving if scene.held else moment.others
@@ -93,6 +99,29 @@ class Renderer:
             shades = [a * b for a, b in zip(shades, cast, strict=True)]
             clear = clear * _enlarged(ambient_shade(moving, coarse, 6, seed), size)
         return light_map(room.lamps, shades, room.ambient(), clear)
+
+
+class RowByRowRenderer:
+    """Renders frames that a rolling shutter reads row by row, from the top, see `Scene.read_at`."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._whole = Renderer(scene)
+        camera, starts = scene.camera, range(0, scene.camera.height, _BAND_ROWS)
+        # The band of a picture is the picture of a lower camera.
+        bands = [replace(camera, height=min(_BAND_ROWS, camera.height - y), cy=camera.cy - y) for y in starts]
+        self._bands = [Renderer(replace(scene, camera=band)) for band in bands]
+        self._rows = [y + 0.5 * (band.height - 1) for y, band in zip(starts, bands, strict=True)]
+
+    def frame(self, index: int) -> Picture:
+        """Render one frame."""
+        light = self._whole.table_light(index)
+        times = [self._scene.read_at(index, row) for row in self._rows]
+        bands = [band.picture(index, time, light) for band, time in zip(self._bands, times, strict=True)]
+        image, alone, seen = (
+            np.concatenate([getattr(band, name) for band in bands]) for name in ("image", "part_alone", "part_seen")
+        )
+        return Picture(image, alone, seen)
 
 
 def _enlarged(shade: np.ndarray, size: int) -> np.ndarray:

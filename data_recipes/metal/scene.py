@@ -83,8 +83,20 @@ class Scene:
     exposure_frames: float
 
     def cam_T_part(self, frame: int) -> np.ndarray:
-        """The truth of a frame, (4, 4)."""
-        return np.asarray(self.truth.poses[frame])
+        """The truth of a frame, (4, 4): the pose when the row of the part's middle is read."""
+        if self.config.readout == 0.0:
+            return np.asarray(self.truth.poses[frame])
+        pose = self.truth.poses[frame]
+        middle_obj = 0.5 * (self.part.vertices.min(0) + self.part.vertices.max(0))
+        for _ in range(4):  # while its row is sought the part moves on
+            row = self.camera.project(transform(pose, middle_obj[None]))[0, 1]
+            pose = self.truth.at(self.read_at(frame, float(row)))
+        return np.asarray(pose)
+
+    def read_at(self, frame: int, row: float) -> float:
+        """The time, in frames, at which a row of a frame is read; that of its middle row at the whole time."""
+        middle = 0.5 * (self.config.height - 1)
+        return frame + self.config.readout * (row - middle) / self.config.height
 
     def at(self, time: float) -> Moment:
         """Everything in its place at a time in frames."""

@@ -31,6 +31,7 @@ from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
 from acp_lab.tracking.learning.novelty import Novelty
 from acp_lab.tracking.learning.polarity import EdgePolarity, PolarityConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig, SampleReliability
+from acp_lab.tracking.learning.rolling_shutter import RollingShutter, ShutterConfig
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class SampleLearning:
         profiles: where the CAD's edge lies beside an image edge, by what that looks like.
         blur: how long the shutter is open, hence how far moving edges are smeared.
         lens: how far edges are blurred that do not move; off, every picture is asked anew.
+        shutter: how long the camera takes to read a picture, row by row; off, it reads all at once.
         learn_above: share of the running mean quality below which a frame teaches nothing.
         learn_from_px: how far a part must have moved in the image since the last frame that taught; 0 for nowhere.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
@@ -75,13 +77,14 @@ class SampleLearning:
     profiles: ProfileConfig | Off = field(default_factory=ProfileConfig)
     blur: BlurConfig | Off = field(default_factory=BlurConfig)
     lens: LensConfig | Off = field(default_factory=LensConfig)
+    shutter: ShutterConfig | Off = field(default_factory=ShutterConfig)
     learn_above: float = 0.5
     learn_from_px: float = 2.0
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
-        parts = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles, self.blur, self.lens)
-        if all(isinstance(part, Off) for part in parts):
+        edges = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles)
+        if all(isinstance(part, Off) for part in (*edges, self.blur, self.lens, self.shutter)):
             raise TrackingError('learning: all its parts are off: give learning.kind = "off"')
         if not 0.0 <= self.learn_from_px < float("inf"):
             raise TrackingError(f"learning.learn_from_px = {self.learn_from_px:g}: give px, 0 for every frame")
@@ -99,7 +102,7 @@ class Matches:
         sure_residuals_px: the same, NaN also where the image edge is faint.
         expected: offsets that were expected, None where they are not learnt.
         off_obj: (n, 3) the sum of the samples' two face normals, off the material.
-        patch: the image that was searched.
+        patch: the image that was searched; places: (n, 2) px where in it the edge points show.
         shifts: what the profiles of the candidates say, None where nobody asked.
     """
 
@@ -114,6 +117,7 @@ class Matches:
     expected: ExpectedOffsets | None
     off_obj: FloatArray
     patch: ImagePatch
+    places: FloatArray
     shifts: ProfileShifts | None = None
 
     @property
@@ -184,6 +188,7 @@ class SampleKnowledge:
         self.profiles: EdgeProfiles | None = None
         self.blur: MotionBlur | None = None
         self.lens: LensBlur | None = None
+        self.shutter: RollingShutter | None = None
         self._novelty: Novelty | None = None
         if not isinstance(config, SampleLearning):
             return
@@ -205,6 +210,8 @@ class SampleKnowledge:
             self.blur = MotionBlur(config.blur)
         if isinstance(config.lens, LensConfig):
             self.lens = LensBlur(config.lens)
+        if isinstance(config.shutter, ShutterConfig):
+            self.shutter = RollingShutter(config.shutter)
 
     def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:
         """(n, m) scores, less for candidates that contradict what their sample looked like."""
@@ -223,20 +230,25 @@ class SampleKnowledge:
         """How far the camera blurs edges that do not move; None where nobody knows."""
         return None if self.lens is None else self.lens.blur_px
 
+    @property
+    def readout(self) -> FloatArray | None:
+        """(2,) how long the camera reads a picture, see `RollingShutter`; None where all at once, or nobody knows."""
+        return None if self.shutter is None else self.shutter.readout
+
     def read_profiles(
-        self, patch: ImagePatch, edges: GeneratedEdges, normals: FloatArray, candidates: Candidates, at: Estimate,
-        sigma_px: float, least: float, blur_px: FloatArray | None = None,
+        self, patch: ImagePatch, places: FloatArray, edges: GeneratedEdges, normals: FloatArray, candidates: Candidates,
+        at: Estimate, sigma_px: float, least: float, blur_px: FloatArray | None = None,
     ) -> ProfileShifts | None:  # fmt: skip
         """Where the CAD's edges lie beside candidates with a score above `least`; None where nobody asks.
 
-        blur_px: (n,) of the edge points, see `blur_px`.
+        places: (n, 2) px where in it the edge points show; blur_px: (n,) theirs, see `blur_px`.
         """
         if self.profiles is None or not self._is_fine(sigma_px):
             return None
         views = EdgeViews(
             self.edges, edges.sample_ids, edges.outline, at.cam_T_obj, at.view.camera.fx, at.view.part.times_usual
         )
-        return self.profiles.read(patch, edges.points, normals, candidates, views, sigma_px, least, blur_px)
+        return self.profiles.read(patch, places, normals, candidates, views, sigma_px, least, blur_px)
 
     def expect(
         self, edges: GeneratedEdges, normals: FloatArray, at: Estimate, scatter_px: FloatArray | None = None
@@ -349,9 +361,20 @@ class SampleKnowledge:
             self.polarity.measure(matches.gradients, matches.outward, sure_px, matches.jacobian, rate)
         motion = matches.at.view.motion
         if self.blur is not None and motion is not None:
-            self.blur.learn(matches.patch, matches.edges.points, matches.normals, matches.jacobian @ motion)
+            self.blur.learn(matches.patch, matches.places, matches.normals, matches.jacobian @ motion)
+        if self.shutter is not None and motion is not None:
+            self._learn_shutter(self.shutter, matches, motion)
         if self.lens is not None:
             self.lens.learn(matches.patch)
+
+    def _learn_shutter(self, shutter: RollingShutter, matches: Matches, motion: FloatArray) -> None:
+        at = matches.at
+        camera, expected = at.view.camera, at.view.readout
+        late = (matches.edges.points - camera.project(at.centre_cam[None])) / [camera.width, camera.height]
+        shutter.learn(
+            np.zeros(2) if expected is None else expected, late, matches.jacobian @ motion, matches.sure_residuals_px,
+            matches.gradients, matches.outward, matches.jacobian,
+        )  # fmt: skip
 
 
 @kernel("void(f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f8[::1])")

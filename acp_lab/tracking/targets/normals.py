@@ -115,7 +115,8 @@ class NormalMeasure:
 
     Attributes:
         at: the estimate that was searched from.
-        edges: its n points; points (n, 2) px and normals (n, 2) unit are theirs.
+        edges: its n points; points (n, 2) px and normals (n, 2) unit are theirs; places (n, 2) px are where the picture
+            shows them, elsewhere where it was read while the part moved.
         candidates: image edges along the normals.
         scores: (n, m) their scores after the memory had its say.
         targets: (n, m) px along the normal from the point to where the candidate says it belongs, its expected
@@ -133,16 +134,18 @@ class NormalMeasure:
         self.sigma_px = max(level.sigma_px, _LEAST_SIGMA_PX)
         self.outlier = config.outlier
         self.at, self.edges, self.points, self.normals = at, edges, edges.points, edges.normals
+        self.places = self.points if at.view.readout is None else at.read_places(self.points, self.points_obj)
         blur_px = knowledge.blur_px(edges, self.normals, at)
         self.candidates: Candidates = search_along_normals(
-            target.patch, self.points, self.normals, level.reach_px, config.search, blur_px
+            target.patch, self.places, self.normals, level.reach_px, config.search, blur_px
         )
         scores = self.candidates.scores
         if use_memory:
             scores = knowledge.agreement(edges.sample_ids, self.candidates, scores)
         self.shifts = knowledge.read_profiles(
-            target.patch, edges, self.normals, self.candidates, at, self.sigma_px, config.min_score, blur_px
-        )
+            target.patch, self.places, edges, self.normals, self.candidates, at, self.sigma_px, config.min_score,
+            blur_px,
+        )  # fmt: skip
         scatter_px, offsets = None, self.candidates.offsets
         if self.shifts is not None:
             offsets = offsets + self.shifts.shifts_px
@@ -237,7 +240,7 @@ class NormalMeasure:
         rows, columns = np.nonzero(self.candidates.scores > self._target.config.min_score)
         offsets = self.candidates.offsets[rows, columns]
         height, width = self._target.patch.channels.shape[:2]
-        points = self.points[rows] + offsets[:, None] * self.normals[rows]
+        points = self.places[rows] + offsets[:, None] * self.normals[rows]
         return TargetView(points, self._target.patch.origin, (width, height))
 
 
@@ -447,5 +450,6 @@ class NormalJudgement:
             measure.expected,
             measure.knowledge.edges.off_obj.take(ids, axis=0),
             measure.patch,
+            measure.places,
             measure.shifts,
         )

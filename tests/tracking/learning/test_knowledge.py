@@ -62,6 +62,7 @@ def matches(knowledge: SampleKnowledge, edges: GeneratedEdges, at: Estimate, res
         knowledge.expect(edges, edges.normals, at),
         knowledge.edges.normals_obj[edges.sample_ids].sum(1),
         image_patch(np.full((120, 160, 3), 90, np.uint8), (0, 0, 160, 120)),
+        edges.points,
     )
 
 

@@ -227,7 +227,7 @@ def test_profiles_move_the_goal_on_fine_levels(at: Estimate, edges: GeneratedEdg
     coarse = target_of(at, NormalSearch(), knowledge).search(edges, at, Level(20, 6.0))
     assert coarse.shifts is None
     assert plain.read_profiles(
-        target_of(at, NormalSearch(), plain).patch, edges, edges.normals, told.candidates, at, 1.0, 0.0
+        target_of(at, NormalSearch(), plain).patch, edges.points, edges, edges.normals, told.candidates, at, 1.0, 0.0
     ) is None  # fmt: skip
 
 
