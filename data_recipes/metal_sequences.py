@@ -21,6 +21,7 @@ from collections.abc import Sequence  # noqa: E402
 from itertools import islice  # noqa: E402
 from pathlib import Path  # noqa: E402
 
+from acp_lab.errors import ParameterError  # noqa: E402
 from data_recipes.command import Parser, count, names_of, positive, run, share, whole  # noqa: E402
 from data_recipes.metal.plan import FIRST_PARTS, KINDS, PART_NAMES, SPP, Plan, SceneConfig  # noqa: E402
 
@@ -134,6 +135,8 @@ def make(args: argparse.Namespace) -> None:
     plans = [SAMPLE] if args.sample else make_plans(args)
     suffix = ".jpg" if args.sample else f".{args.image_format}"
     spp = args.spp if args.path_traced else None
+    if args.path_traced and args.rolling_shutter:
+        raise ParameterError(f"--rolling-shutter {args.rolling_shutter:g} is not for --path-traced: give one")
     render_dataset(out, plans, suffix, args.force, spp, args.jobs, args.scheduler)
     if args.contact_sheet is not None:
         save_picture(args.contact_sheet, contact_sheet(out, edges=True))

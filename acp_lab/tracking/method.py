@@ -273,6 +273,7 @@ ACP_EDGES = replace(
         profiles=Off(),
         blur=Off(),
         lens=Off(),
+        shutter=Off(),
         learn_above=0.7,
         learn_from_px=0.0,
     ),

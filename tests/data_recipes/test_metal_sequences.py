@@ -20,7 +20,7 @@ from data_recipes.metal.edge_break import find_creases
 from data_recipes.metal.motion import shake
 from data_recipes.metal.plan import KINDS, Kind, SceneConfig
 from data_recipes.metal.random_parts import asymmetric_parts, part_named, random_part
-from data_recipes.metal.render import Renderer
+from data_recipes.metal.render import Renderer, RowByRowRenderer
 from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal_sequences import main
 from data_recipes.symmetries import find_symmetry
@@ -209,6 +209,42 @@ def test_only_the_camera_shakes(kind: Kind) -> None:
         # The part's resting rotation is rounded, so its inverse is not exact.
         seen = now.world_T_cam @ shaken.cam_T_part(frame)
         np.testing.assert_allclose(seen, now.part.world_T_body, atol=1e-4)
+
+
+def test_the_truth_is_the_pose_when_the_row_of_the_parts_middle_is_read() -> None:
+    config = SceneConfig("fast", 6, 320, 256, seed=3, clutter=0, trans_mm=15.0)
+    part = make_part("lever_arm")
+    at_once, row_by_row = make_scene(part, config), make_scene(part, replace(config, readout=0.8))
+    middle, apart = part.vertices.min(0) / 2 + part.vertices.max(0) / 2, []
+    for frame in range(1, 5):
+        np.testing.assert_array_equal(at_once.cam_T_part(frame), at_once.truth.poses[frame])
+        pose = row_by_row.cam_T_part(frame)
+        row = row_by_row.camera.project(transform(pose, middle)[None])[0, 1]
+        time = frame + 0.8 * (row - 127.5) / 256
+        np.testing.assert_allclose(pose, row_by_row.truth.at(time), atol=1e-3)
+        apart.append(np.linalg.norm(transform(pose, middle) - transform(at_once.cam_T_part(frame), middle)))
+    assert max(apart) > 0.5
+
+
+def test_each_row_of_a_rolling_shutter_shows_its_own_moment() -> None:
+    config = SceneConfig("regular", 5, 160, 128, seed=3, clutter=1, trans_mm=15.0, readout=0.8)
+    scene = make_scene(make_part("lever_arm"), config)
+    whole, read = Renderer(scene), RowByRowRenderer(scene).frame(2)
+    light = whole.table_light(2)
+    for rows in (slice(0, 16), slice(48, 64), slice(112, 128)):
+        time = 2 + 0.8 * (0.5 * (rows.start + rows.stop - 1) - 63.5) / 128
+        then, other = (whole.picture(2, at, light) for at in (time, 4.0 - time))
+        off = np.abs(read.image[rows] - then.image[rows]).mean()
+        if abs(time - 2.0) > 0.2:
+            assert off < 0.5 * np.abs(read.image[rows] - other.image[rows]).mean()
+        np.testing.assert_array_equal(read.part_alone[rows], then.part_alone[rows])
+        np.testing.assert_array_equal(read.part_seen[rows], then.part_seen[rows])
+
+
+def test_the_path_tracer_has_no_rolling_shutter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path / "set", "--path-traced", "--rolling-shutter", "0.8") == 2
+    assert "--rolling-shutter 0.8 is not for --path-traced" in capsys.readouterr().err
+    assert not (tmp_path / "set").exists()
 
 
 def outline_offsets_px(scene: Scene, frame: int, radius_px: float = 3.0) -> np.ndarray:

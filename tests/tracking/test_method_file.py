@@ -18,6 +18,7 @@ from acp_lab.tracking.learning.knowledge import Off, SampleLearning
 from acp_lab.tracking.learning.polarity import PolarityConfig
 from acp_lab.tracking.learning.region_colours import ColourConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig
+from acp_lab.tracking.learning.rolling_shutter import ShutterConfig
 from acp_lab.tracking.method import ACP, ACP_PAPER, DIRECT_6DOF, METHODS, Method
 from acp_lab.tracking.method_file import read_method, to_toml
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
@@ -76,6 +77,7 @@ NORMALS = Method(
         offsets=OffsetConfig(0.4, known_spread=0.5, inner_limits=(0.2, 0.9)),
         reliability=ReliabilityConfig(scatter_px=0.6),
         polarity=PolarityConfig(0.2, 0.4, 5.0, 0.1, 2.0),
+        shutter=ShutterConfig(0.4, 0.6, 3.0, 0.02, 1.5, 0.1, 4.0),
         learn_above=0.5,
         learn_from_px=3.0,
         trust_from_sigma_px=1.0,

@@ -1,0 +1,107 @@
+"""The time between a picture's rows, told by the residuals of edges that move."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.tracking.learning.rolling_shutter import RollingShutter, ShutterConfig
+from acp_lab.tracking.sources.rigid import RigidSource
+from tests.made_parts import bracket, looking_at
+from tests.tracking.rendered import CAMERA, prepared
+from tests.tracking.views import prior_of, view_at
+
+PART = bracket()
+MODEL = prepared(PART)
+AT = prior_of(view_at(PART, looking_at(PART, np.array([0.8, 0.6, 1.0]), 260.0, 0.3)))
+EDGES = RigidSource(MODEL.best_generator(), 0.0).generate(AT, 200)
+JACOBIAN = AT.lines(MODEL.edges.points_obj[EDGES.sample_ids], EDGES.normals).jacobian
+LATE = (EDGES.points - CAMERA.project(AT.centre_cam[None])) / [CAMERA.width, CAMERA.height]
+OUTWARD = EDGES.outline.astype(float)
+EXACT = ShutterConfig(gain=1.0)
+
+
+def motions(count: int, mm: float, seed: int = 0) -> list[FloatArray]:
+    """(6,) of frames; mm: how far the part moves in each, anywhere."""
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(count):
+        shift = rng.normal(size=3) * [1.0, 1.0, 0.3]
+        found.append(np.concatenate([rng.normal(0.0, 0.01, 3), mm * shift / np.linalg.norm(shift)]))
+    return found
+
+
+def learn(
+    shutter: RollingShutter, readout: tuple[float, float], motion: FloatArray, seed: int, noise_px: float = 0.3
+) -> None:
+    """A frame whose pose is a little off, and that was solved with what the shutter is taken for."""
+    rng, expected = np.random.default_rng(seed), np.zeros(2) if shutter.readout is None else shutter.readout
+    motion_px = JACOBIAN @ motion
+    residuals_px = LATE @ (np.array(readout) - expected) * motion_px + rng.normal(0.0, noise_px, len(EDGES))
+    residuals_px += JACOBIAN @ np.array([0.002, -0.001, 0.001, 0.2, -0.1, 0.4]) + 0.2 * OUTWARD
+    residuals_px[rng.random(len(EDGES)) < 0.1] = np.nan
+    gradients = rng.choice([-20.0, 20.0], len(EDGES))
+    shutter.learn(expected, LATE, motion_px, residuals_px, gradients, OUTWARD, JACOBIAN)
+
+
+@pytest.mark.parametrize("readout", [(0.0, 0.9), (0.0, 0.4), (0.0, -0.7), (0.8, 0.0)])
+def test_it_is_learnt_along_its_side_and_the_other_is_none(readout: tuple[float, float]) -> None:
+    shutter = RollingShutter(EXACT)
+    for number, motion in enumerate(motions(10, 9.0)):
+        learn(shutter, readout, motion, number)
+    assert shutter.readout is not None
+    np.testing.assert_allclose(shutter.readout, readout, atol=0.12)
+    assert np.count_nonzero(shutter.readout) == 1
+
+
+def test_a_picture_that_is_read_at_once_is_taken_for_that() -> None:
+    shutter = RollingShutter(ShutterConfig())
+    for number, motion in enumerate(motions(60, 9.0)):
+        learn(shutter, (0.0, 0.0), motion, number)
+        assert shutter.readout is None
+
+
+def test_a_part_that_rests_tells_nothing() -> None:
+    shutter = RollingShutter(ShutterConfig())
+    for number in range(20):
+        learn(shutter, (0.0, 0.9), np.zeros(6), number)
+    assert shutter.readout is None
+
+
+def test_what_errs_alike_in_all_frames_of_a_slow_turn_is_no_shutter() -> None:
+    # As a shutter would have it, by some hundredths of a px: edges may well lie that far off, and stay there.
+    slow, fast = RollingShutter(EXACT), RollingShutter(EXACT)
+    motion = np.array([0.0, 0.0, 0.0, 0.2, 0.3, 0.0])
+    for number in range(300):
+        learn(slow, (0.0, 0.9), motion, number, noise_px=0.05)
+    for number in range(10):
+        learn(fast, (0.0, 0.9), 30.0 * motion, number)
+    assert slow.readout is None
+    assert fast.readout is not None
+
+
+def test_a_camera_that_is_set_otherwise_is_learnt_anew() -> None:
+    shutter = RollingShutter(EXACT)
+    for number, motion in enumerate(motions(30, 9.0)):
+        learn(shutter, (0.0, 0.9), motion, number)
+    for number, motion in enumerate(motions(60, 9.0, seed=1)):
+        learn(shutter, (0.0, 0.3), motion, number)
+    assert shutter.readout is not None
+    np.testing.assert_allclose(shutter.readout, (0.0, 0.3), atol=0.15)
+
+
+def test_few_edges_tell_nothing() -> None:
+    shutter, motion_px = RollingShutter(EXACT), JACOBIAN @ motions(1, 9.0)[0]
+    residuals_px = 0.9 * LATE[:, 1] * motion_px
+    residuals_px[29:] = np.nan
+    for _ in range(10):
+        shutter.learn(np.zeros(2), LATE, motion_px, residuals_px, np.ones(len(EDGES)), OUTWARD, JACOBIAN)
+    assert shutter.readout is None
+
+
+@pytest.mark.parametrize("name", ["spread", "scatter_px", "alike", "shared_px", "gain", "least_spread", "sure"])
+@pytest.mark.parametrize("value", [0.0, float("nan")])
+def test_impossible_settings_are_refused(name: str, value: float) -> None:
+    with pytest.raises(TrackingError, match=f"learning.shutter.{name}"):
+        ShutterConfig(**{name: value})
