@@ -9,6 +9,8 @@ edges the shutter, and with both the first image is read again.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from acp_lab.geometry.arrays import FloatArray
@@ -57,16 +59,19 @@ class FirstFrame:
 
     def _look_again(self, solver: FrameSolver, smear_is_new: bool, readout: FloatArray, clock: Stopwatch) -> None:
         frame, knowledge, pose = self._frame, solver.knowledge, self._cam_T_obj
-        self._readout = readout
+        before, self._readout = self._readout, readout
         seen = solver.look(frame.image, frame.camera, pose, self._region, motion=self._motion)
         if seen is None:
             return
         at = seen.view.at_pose(pose)
         edges = solver.source.generate(at, LOOK_LEVEL.samples)
+        points_obj = knowledge.edges.points_obj[edges.sample_ids]
+        now, then = (replace(seen.view, readout=one).at_pose(pose) for one in (readout, before))
+        off_px = np.linalg.norm(
+            now.read_places(edges.points, points_obj) - then.read_places(edges.points, points_obj), axis=1
+        )
         smear_px = knowledge.blur_px(edges, edges.normals, at) if smear_is_new else None
         is_smeared = smear_px is not None and (smear_px > _SMEARED_PX).mean() > _SHARE
-        points_obj = knowledge.edges.points_obj[edges.sample_ids]
-        off_px = np.linalg.norm(at.read_places(edges.points, points_obj) - edges.points, axis=1)
         if is_smeared or (off_px > _SHOWN_OFF_PX).mean() > _SHARE:
             knowledge.forget_offsets()
             again = solver.look_at(seen, at, LOOK_LEVEL, clock)

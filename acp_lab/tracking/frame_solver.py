@@ -109,11 +109,13 @@ class FrameSolver:
         information: FloatArray | None = None,
         levels: tuple[Level, ...] | None = None,
         motion: FloatArray | None = None,
+        steps: float = 1.0,
     ) -> SeenFrame | None:
         """The frame around the part at a prior pose (4, 4).
 
-        information, motion: (6, 6) and (6,), see `frame_view.View`. levels: those that it will be solved with, from the
-        prior, where these are not the method's. None where the part is not in sight, see `crop_box`.
+        information, motion, steps: (6, 6), (6,) and a number, see `frame_view.View`. levels: those that it will be
+        solved with, from the prior, where these are not the method's. None where the part is not in sight, see
+        `crop_box`.
         """
         margin_px = self.method.margin_px if margin_px is None else margin_px
         # What is too small in the frame itself, or out of its sight, is so through any glass.
@@ -129,7 +131,7 @@ class FrameSolver:
             # The less of the image is filtered the better; colours beside the part are read as they are.
             room_px = max(level.reach_px for level in levels) + _ROOM_PX
             edge_box = crop_box(self._outermost_obj, prior, camera, min(room_px, margin_px))
-        return self._seen(self.view(image, camera, prior, region, box, edge_box, information, motion))
+        return self._seen(self.view(image, camera, prior, region, box, edge_box, information, motion, steps))
 
     def afresh(self, seen: SeenFrame) -> SeenFrame:
         """The same frame, for a search: what targets keep of poses that they are asked for stays out of the other."""
@@ -148,6 +150,7 @@ class FrameSolver:
         edge_box: Box | None = None,
         information: FloatArray | None = None,
         motion: FloatArray | None = None,
+        steps: float = 1.0,
     ) -> FrameView:
         """A view of a region, whose image is looked at inside a box (x0, y0, x1, y1), or less of it for edges."""
         return FrameView(
@@ -159,6 +162,7 @@ class FrameSolver:
             self.source.canonical_size,
             information,
             motion,
+            steps,
             self.knowledge.readout,
             image=image,
             box=box,

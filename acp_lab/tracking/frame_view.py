@@ -53,6 +53,7 @@ class View:
             part's centre; None where nobody knows.
         motion: (6,) the pose step (rad, mm) about the part's centre that it is expected to make from frame to frame,
             which smears its edges while the shutter is open; None where nobody knows.
+        steps: how many frames ago, as they usually come, what the prior was predicted from was seen.
         readout: (2,) how long the picture was read, see `geometry.rolling_shutter`; None where all at once, for all
             that is known.
     """
@@ -65,6 +66,7 @@ class View:
     canonical_size: int = CANONICAL_SIZE
     prior_information: FloatArray | None = None
     motion: FloatArray | None = None
+    steps: float = 1.0
     readout: FloatArray | None = None
 
     def at_pose(self, cam_T_obj: FloatArray) -> Estimate:
@@ -179,11 +181,19 @@ class Estimate:
         Elsewhere where it was read row by row, while the part moved.
         """
         view = self.view
-        if view.readout is None or view.motion is None:
+        if view.readout is None or self.motion is None:
             return points
-        centre_obj, pose = view.part.box_centre, self.cam_T_obj
-        motion = view.motion + pose_step_between(view.prior, pose, centre_obj)
-        return read_places(points, points_obj, pose, centre_obj, view.camera, motion, view.readout)
+        centre_obj = view.part.box_centre
+        return read_places(points, points_obj, self.cam_T_obj, centre_obj, view.camera, self.motion, view.readout)
+
+    @cached_property
+    def motion(self) -> FloatArray | None:
+        """(6,) the pose step (rad, mm) that leads here from frame to frame; None where nobody knows."""
+        view = self.view
+        # Where the prior is no prediction, nobody knows what led from it to here.
+        if view.motion is None or view.prior_information is None:
+            return view.motion
+        return view.motion + pose_step_between(view.prior, self.cam_T_obj, view.part.box_centre) / view.steps
 
     @property
     def is_possible(self) -> bool:

@@ -116,6 +116,11 @@ class PoseKalman:
         """(6,) the pose step (rad, mm) expected in a usual time step; None before a motion was seen."""
         return self._velocity / self._of_usual if self.moves else None
 
+    @property
+    def steps(self) -> float:
+        """How many usual time steps the predicted one is."""
+        return self._of_usual
+
     def predict(self) -> FloatArray:
         """(4, 4) the pose expected in the next frame."""
         if self._last is None:

@@ -60,6 +60,11 @@ class Predictor(Protocol):
         """(6, 6) how sure that pose is, see `frame_view.View`; None where nobody knows."""
         ...
 
+    @property
+    def steps(self) -> float:
+        """How many usual time steps the predicted one is."""
+        ...
+
     def innovation_of(self, cam_T_obj: FloatArray) -> float:
         """How far a pose (4, 4) is from the predicted one: squared, normalised, per degree of freedom; 0 if unknown."""
         ...
@@ -124,6 +129,11 @@ class _LastPose:
     def motion(self) -> FloatArray | None:
         """None."""
         return None
+
+    @property
+    def steps(self) -> float:
+        """1."""
+        return 1.0
 
     def information(self) -> FloatArray | None:
         """None."""
@@ -213,6 +223,11 @@ class ConstantVelocity(_LastPose):
             return None
         step = pose_step_between(self._before, super().last, self._centre_obj)
         return self._step.of_last / self._step.of_usual * step
+
+    @property
+    def steps(self) -> float:
+        """How many usual time steps the predicted one is."""
+        return self._step.of_usual
 
     def predict(self) -> FloatArray:
         """(4, 4) pose expected in the next frame."""

@@ -101,7 +101,7 @@ class Pursuit:
         clock.lap()
         seen = self.solver.look(
             frame.image, frame.camera, prior, self.region,
-            information=information, levels=levels, motion=self.predictor.motion,
+            information=information, levels=levels, motion=self.predictor.motion, steps=self.predictor.steps,
         )  # fmt: skip
         clock.image_s += clock.lap()
         return seen

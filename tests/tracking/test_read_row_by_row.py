@@ -12,12 +12,16 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge, SampleLearning
+from acp_lab.tracking.learning.knowledge import Matches, Off, SampleKnowledge, SampleLearning
+from acp_lab.tracking.learning.rolling_shutter import RollingShutter
 from acp_lab.tracking.method import ACP, ACP_EDGES, Method
 from acp_lab.tracking.result import TrackResult
+from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.targets.regions import RegionTarget
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
-from tests.tracking.rendered import AS_DRAWN, CAMERA, add_percent, draw, prepared
+from tests.tracking.rendered import AS_DRAWN, CAMERA, STEP, add_percent, draw, prepared
+from tests.tracking.views import view_at
 
 PART = bracket()
 MODEL = prepared(PART)
@@ -118,9 +122,58 @@ def test_pictures_that_are_read_at_once_are_tracked_as_ever(at_once: list[tuple[
 
 
 @pytest.mark.parametrize("method", [ACP, ACP_EDGES], ids=lambda method: method.name)
-def test_methods_of_edges_learn_it(row_by_row: list[tuple[Frame, FloatArray]], method: Method) -> None:
+def test_it_is_learnt_with_colours_and_without(row_by_row: list[tuple[Frame, FloatArray]], method: Method) -> None:
     drawn = replace(method, learning=AS_DRAWN.learning, start=AS_DRAWN.start, magnification=Off())
     assert follow(row_by_row, drawn)[0].readout is not None
+
+
+def test_a_prior_that_is_no_prediction_makes_no_motion(at_once: list[tuple[Frame, FloatArray]]) -> None:
+    # As of poses that are tried because nothing fits, or that the detector proposes.
+    frame, truth = at_once[0]
+    tracker = Tracker(MODEL, AS_DRAWN)
+    tracker.start(frame, truth)
+    solver, off = tracker.solver, move_pose(truth, PART.box_centre, np.array([0.0, 0.0, 0.0, 1.0, 5.0, 0.0]))
+    seen = solver.look(frame.image, frame.camera, off, solver.choose_region(off), motion=np.zeros(6))
+    assert seen is not None
+    rolling = replace(seen, view=replace(seen.view, readout=np.array([0.0, 0.9])))
+    plain, rolled = (solver.solve(one, one.view.at_pose(off), Stopwatch()) for one in (seen, rolling))
+    assert plain is not None
+    assert rolled is not None
+    assert add_percent(PART, plain.cam_T_obj, truth) < 1.0
+    np.testing.assert_allclose(rolled.cam_T_obj, plain.cam_T_obj, atol=1e-9)
+
+
+def test_what_came_otherwise_than_predicted_came_in_the_time_since_the_last_frame() -> None:
+    view = replace(view_at(PART, START), motion=STEP, prior_information=np.eye(6), readout=np.array([0.0, 0.9]))
+    off = np.array([0.01, -0.02, 0.03, 1.0, -2.0, 3.0])
+    pose = move_pose(START, PART.box_centre, off)
+    for steps in (1.0, 3.0):
+        np.testing.assert_allclose(replace(view, steps=steps).at_pose(pose).motion, STEP + off / steps, atol=1e-9)
+    np.testing.assert_allclose(replace(view, prior_information=None).at_pose(pose).motion, STEP)
+    assert replace(view, motion=None).at_pose(pose).motion is None
+
+
+def test_lines_across_the_outline_are_as_free_as_before_any_readout(at_once: list[tuple[Frame, FloatArray]]) -> None:
+    # How far the part goes on beside an outline is asked of the CAD model, which no shutter deforms.
+    frame, truth = at_once[3]
+    tracker = Tracker(MODEL, AS_DRAWN)
+    tracker.start(frame, truth)
+    solver, motion = tracker.solver, np.array([0.0, 0.0, 0.0, 8.0, 14.0, 0.0])
+    edges = solver.source.generate(view_at(PART, truth).at_pose(truth), 200)
+    counts, moved = list[int](), list[float]()
+    for readout in (None, np.array([0.0, 0.9]), np.array([0.0, -0.9])):
+        solver.forget()
+        seen = solver.look(frame.image, frame.camera, truth, solver.choose_region(truth), motion=motion)
+        assert seen is not None
+        at = replace(seen.view, readout=readout).at_pose(truth)
+        target = seen.targets[1]
+        assert isinstance(target, RegionTarget)
+        lines = target.lines(edges, at)
+        counts.append(len(lines))
+        moved.append(float(np.abs(lines.points - edges.points[lines.rows]).max()))
+    assert counts[0] == counts[1] == counts[2] > 20
+    assert moved[0] < 1e-9
+    assert min(moved[1:]) > 1.0
 
 
 def test_another_start_forgets_it(row_by_row: list[tuple[Frame, FloatArray]]) -> None:
@@ -145,19 +198,42 @@ def test_edges_are_reported_where_the_picture_shows_them(row_by_row: list[tuple[
     np.testing.assert_allclose(last.edges.points - still, expected, atol=0.3)
 
 
-def test_the_first_frame_is_measured_again_once_the_shutter_is_known(
-    row_by_row: list[tuple[Frame, FloatArray]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    measured, real = list[bool](), SampleKnowledge.measure_offsets
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What the readout was taken for, from top to bottom, each time that offsets were measured."""
+    found, real = list[float](), SampleKnowledge.measure_offsets
 
-    def spied(knowledge: SampleKnowledge, matches: object) -> None:
-        measured.append(knowledge.readout is not None)
-        real(knowledge, matches)  # type: ignore[arg-type]
+    def spied(knowledge: SampleKnowledge, matches: Matches) -> None:
+        found.append(0.0 if knowledge.readout is None else float(knowledge.readout[1]))
+        real(knowledge, matches)
 
     monkeypatch.setattr(SampleKnowledge, "measure_offsets", spied)
-    # Of sharp edges at rest nothing is to be measured again but for the shutter.
-    assert isinstance(AS_DRAWN.learning, SampleLearning)
-    follow(row_by_row, replace(AS_DRAWN, learning=replace(AS_DRAWN.learning, blur=Off())))
-    assert measured[0] is False
-    assert any(measured[1:])
+    return found
+
+
+# Of sharp edges nothing is to be measured again but for the shutter.
+assert isinstance(AS_DRAWN.learning, SampleLearning)
+UNSMEARED = replace(AS_DRAWN, learning=replace(AS_DRAWN.learning, blur=Off()))
+
+
+def test_the_first_frame_is_measured_again_once_the_shutter_is_known(
+    row_by_row: list[tuple[Frame, FloatArray]], measured: list[float]
+) -> None:
+    follow(row_by_row, UNSMEARED)
+    assert measured[0] == 0.0
+    assert len(measured) > 1
+    assert min(measured[1:]) > 0.3
     assert len(measured) <= 6
+
+
+def test_the_first_frame_is_measured_again_when_the_shutter_is_no_longer_believed(
+    row_by_row: list[tuple[Frame, FloatArray]], measured: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = iter(range(COUNT))
+
+    def told(shutter: RollingShutter, *evidence: object) -> None:
+        shutter.readout = np.array([0.0, 0.9]) if 2 <= next(frames) < 5 else None
+
+    monkeypatch.setattr(RollingShutter, "learn", told)
+    follow(row_by_row, UNSMEARED)
+    assert measured == [0.0, 0.9, 0.0]

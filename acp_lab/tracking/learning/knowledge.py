@@ -1,8 +1,8 @@
 """What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
 
-And how far all outlines lie to their bright side, and how far the lens blurs edges and motion smears them. These six
-start empty in the first frame; what the profile of an image edge says of the CAD's was learnt long before, but for what
-all edges of the part share. Each of the seven can be switched off.
+And how far all outlines lie to their bright side, how far the lens blurs edges and motion smears them, and how long the
+camera takes to read a picture. These seven start empty in the first frame; what the profile of an image edge says of
+the CAD's was learnt long before, but for what all edges of the part share. Each of the eight can be switched off.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class Matches:
     @property
     def in_image(self) -> BoolArray:
         """(n,) whether an edge lies in the image: of the others nothing can be found, and that says nothing of them."""
-        return in_image(self.edges.points, self.at.view.camera)
+        return in_image(self.places, self.at.view.camera)
 
     @property
     def gradients(self) -> FloatArray:
@@ -362,18 +362,19 @@ class SampleKnowledge:
         motion = matches.at.view.motion
         if self.blur is not None and motion is not None:
             self.blur.learn(matches.patch, matches.places, matches.normals, matches.jacobian @ motion)
-        if self.shutter is not None and motion is not None:
-            self._learn_shutter(self.shutter, matches, motion)
+        if self.shutter is not None and matches.at.motion is not None:
+            self._learn_shutter(self.shutter, matches, matches.at.motion)
         if self.lens is not None:
             self.lens.learn(matches.patch)
 
     def _learn_shutter(self, shutter: RollingShutter, matches: Matches, motion: FloatArray) -> None:
         at = matches.at
         camera, expected = at.view.camera, at.view.readout
-        late = (matches.edges.points - camera.project(at.centre_cam[None])) / [camera.width, camera.height]
+        size_px = np.array([camera.width, camera.height], float)
+        late = (matches.edges.points - camera.project(at.centre_cam[None])) / size_px
         shutter.learn(
-            np.zeros(2) if expected is None else expected, late, matches.jacobian @ motion, matches.sure_residuals_px,
-            matches.gradients, matches.outward, matches.jacobian,
+            np.zeros(2) if expected is None else expected, size_px, late, matches.normals, matches.jacobian @ motion,
+            matches.sure_residuals_px, matches.gradients, matches.outward, matches.jacobian,
         )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ is learnt across the picture and down it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -21,7 +22,11 @@ from acp_lab.geometry.normal_equations import add_up_rows, leave_rest
 from acp_lab.geometry.pose_kernels import eliminate
 
 _LEAST_POINTS = 30
-# Beside the two shares: the shift of outlines to their bright side, their size, and a pose step.
+# Edges that move less than this across themselves, on average, tell next to nothing.
+_LEAST_PX = 1.0
+# What the evidence of all frames is of: the two shares, and the four of a picture that is deformed alike in all frames.
+_KEPT = 6
+# Of a frame alone: the shift of outlines to their bright side, their size, and a pose step.
 _BESIDE = 8
 
 
@@ -33,10 +38,12 @@ class ShutterConfig:
         spread: standard deviation of the share of the time between frames that reading takes, from camera to camera.
         scatter_px: of a residual; alike: how many residuals err together.
         shared_px: by which residuals may err in frame after frame, just as a shutter would have it.
+        deformed: by what share of its size a picture may be stretched or sheared alike in all frames, as where a camera
+            is not calibrated well, or a CAD model not exact; a shutter deforms what moves otherwise otherwise.
         gain: what residuals show of a shutter that is not expected is less than there is, so many times: edges are
             found where they are nearest, and offsets have followed.
         least_spread: standard deviation of the share below which old evidence makes room for new.
-        sure: standard deviations that a share must be from 0 to be believed.
+        sure: standard deviations that a share must be from 0 to be believed, and keep: to be so still.
     """
 
     kind: ClassVar[str] = "on"
@@ -44,12 +51,14 @@ class ShutterConfig:
     scatter_px: float = 0.5
     alike: float = 4.0
     shared_px: float = 0.025
+    deformed: float = 0.004
     gain: float = 2.0
     least_spread: float = 0.05
     sure: float = 3.5
+    keep: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("spread", "scatter_px", "alike", "shared_px", "gain", "least_spread", "sure"):
+        for name in ("spread", "scatter_px", "alike", "shared_px", "deformed", "gain", "least_spread", "sure", "keep"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise TrackingError(f"learning.shutter.{name} = {getattr(self, name):g}: give a number above 0")
 
@@ -60,75 +69,90 @@ class RollingShutter:
     def __init__(self, config: ShutterConfig) -> None:
         self.config = config
         self.readout: FloatArray | None = None
-        self._information, self._pull, self._shared = np.zeros((2, 2)), np.zeros(2), np.zeros(2)
+        self._information, self._pull = np.zeros((_KEPT, _KEPT)), np.zeros(_KEPT)
+        self._shared = np.zeros(2)
 
     def learn(
-        self, expected: FloatArray, late: FloatArray, motion_px: FloatArray, residuals_px: FloatArray,
-        gradients: FloatArray, outward: FloatArray, jacobian: FloatArray,
+        self, expected: FloatArray, size_px: FloatArray, late: FloatArray, normals: FloatArray, motion_px: FloatArray,
+        residuals_px: FloatArray, gradients: FloatArray, outward: FloatArray, jacobian: FloatArray,
     ) -> None:  # fmt: skip
         """Take in a solved frame.
 
         Args:
-            expected: (2,) the readout with which the frame was solved.
-            late: (n, 2) how much farther right and down edges lie than the part's centre, as shares of the picture.
-            motion_px: (n,) that they move along their normals from frame to frame.
+            expected: (2,) the readout with which the frame was solved; size_px: (2,) of the picture.
+            late: (n, 2) how much farther right and down edges lie than the part's centre, as shares of that.
+            normals: (n, 2) unit, theirs; motion_px: (n,) that they move along these from frame to frame.
             residuals_px: (n,) of the solved pose with the expected readout, NaN where nothing was seen.
             gradients, outward, jacobian: see `EdgePolarity.measure`; what these explain is no shutter.
         """
         config = self.config
-        if np.count_nonzero(np.isfinite(residuals_px)) < _LEAST_POINTS:
+        if np.abs(motion_px).mean() < _LEAST_PX or np.count_nonzero(np.isfinite(residuals_px)) < _LEAST_POINTS:
             return
-        information, pull = np.zeros((2, 2)), np.zeros(2)
+        # Stretched and sheared by px per px, as shares of the most that is likely.
+        likely_px = config.deformed * size_px * late
+        rows = np.stack([
+            late[:, 0] * motion_px, late[:, 1] * motion_px,
+            likely_px[:, 0] * normals[:, 0], likely_px[:, 1] * normals[:, 0],
+            likely_px[:, 0] * normals[:, 1], likely_px[:, 1] * normals[:, 1],
+        ])  # fmt: skip
+        information, pull = np.zeros((_KEPT, _KEPT)), np.zeros(_KEPT)
         edges = _take_in(
-            plain(late), plain(motion_px), plain(residuals_px), plain(gradients), plain(outward), plain(jacobian),
-            config.scatter_px, information, pull,
+            rows, plain(residuals_px), plain(gradients), plain(outward), plain(jacobian), config.scatter_px,
+            information, pull,
         )  # fmt: skip
         if edges == 0.0:
             return
-        kept = min(1.0, config.alike / (config.least_spread**2 * max(self._information.max(), 1e-9)))
+        kept = min(1.0, config.alike / (config.least_spread**2 * max(self._information[:2, :2].max(), 1e-9)))
         self._information = kept * self._information + information
-        self._pull = kept * self._pull + information @ expected + config.gain * pull
-        # What errs together in one frame, px times px per edge, if it does so in all.
-        self._shared = kept * self._shared + np.sqrt(edges * np.diag(information)) / config.scatter_px
-        self._believe()
+        self._pull = kept * self._pull + config.gain * pull + information[:, :2] @ expected
+        # What errs together in one frame does so in all, for all that is known.
+        self._shared = kept * self._shared + np.sqrt(edges * np.diag(information)[:2]) / config.scatter_px
+        self.readout = self._believed()
 
-    def _believe(self) -> None:
-        config, information = self.config, np.diag(self._information)
-        # Rows or columns: a camera reads along one side of its sensor.
-        precision = information / config.alike + 1.0 / config.spread**2
-        found = np.clip(self._pull / (config.alike * precision), -1.0, 1.0)
-        shared = config.shared_px * self._shared / np.maximum(information, 1e-12)
-        sureness = np.abs(found) / np.sqrt(1.0 / precision + shared**2)
+    def _believed(self) -> FloatArray | None:
+        config = self.config
+        precision = np.diag([1.0 / config.spread**2] * 2 + [1.0] * 4) + self._information / config.alike
+        shared = config.shared_px * self._shared / np.maximum(np.diag(self._information)[:2], 1e-12)
+        shares, sureness = np.zeros(2), np.zeros(2)
+        for side in range(2):  # rows or columns: a camera reads along one side of its sensor
+            unknown = [side, 2, 3, 4, 5]
+            covariance = np.linalg.inv(precision[np.ix_(unknown, unknown)])
+            shares[side] = min(max(covariance[0] @ self._pull[unknown] / config.alike, -1.0), 1.0)
+            sureness[side] = abs(shares[side]) / math.hypot(math.sqrt(covariance[0, 0]), shared[side])
         side = int(sureness.argmax())
-        self.readout = found * (np.arange(2) == side) if sureness[side] > config.sure else None
+        is_known = self.readout is not None and self.readout[side] != 0.0
+        if sureness[side] < (config.keep if is_known else config.sure):
+            return None
+        return np.where(np.arange(2) == side, shares, 0.0)
 
 
-@kernel(
-    "f8(f8[:, ::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8[:, ::1], f8[::1])",
-)
+@kernel("f8(f8[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8[:, ::1], f8[::1])")
 def _take_in(
-    late: FloatArray, motion_px: FloatArray, residuals_px: FloatArray, gradients: FloatArray, outward: FloatArray,
-    jacobian: FloatArray, scatter_px: float, information: FloatArray, pull: FloatArray,
+    kept: FloatArray, residuals_px: FloatArray, gradients: FloatArray, outward: FloatArray, jacobian: FloatArray,
+    scatter_px: float, information: FloatArray, pull: FloatArray,
 ) -> float:  # fmt: skip
-    """Fill information (2, 2) and pull (2,) of the normal equations of the shares alone, the others eliminated.
+    """Fill information (k, k) and pull (k,) of the normal equations of unknowns with rows kept (k, n).
 
-    Weights are robust, about a first fit; their sum is returned, 0 where nothing can be fitted.
+    Those of the frame alone are eliminated. Weights are robust, about a first fit; their sum is returned, 0 where none
+    is possible.
     """
-    most, edges, count = len(residuals_px), 0, 2 + 8
+    most, edges, first = len(residuals_px), 0, len(kept)
+    count = first + _BESIDE
     rows, residuals = np.empty((count, most)), np.empty(most)
     scale = np.full(6, 1e-12)
     for i in range(most):
         if np.isfinite(residuals_px[i]):
             residuals[edges] = residuals_px[i]
-            rows[0, edges], rows[1, edges] = motion_px[i] * late[i, 0], motion_px[i] * late[i, 1]
-            rows[2, edges], rows[3, edges] = np.sign(gradients[i]) * abs(outward[i]), outward[i]
+            for k in range(first):
+                rows[k, edges] = kept[k, i]
+            rows[first, edges], rows[first + 1, edges] = np.sign(gradients[i]) * abs(outward[i]), outward[i]
             for k in range(6):
-                rows[4 + k, edges] = jacobian[i, k]
+                rows[first + 2 + k, edges] = jacobian[i, k]
                 scale[k] = max(scale[k], abs(jacobian[i, k]))
             edges += 1
     for k in range(6):
         for i in range(edges):
-            rows[4 + k, i] /= scale[k]  # rad and mm alike
+            rows[first + 2 + k, i] /= scale[k]  # rad and mm alike
     matrix, vector, found = np.empty((count, count)), np.empty(count), np.zeros(count)
     rest, weights, pulls = np.empty(edges), np.empty(edges), np.empty(edges)
     for turn in range(3):
@@ -137,16 +161,16 @@ def _take_in(
             weights[i] = 1.0 / (1.0 + (rest[i] / scatter_px) ** 2) ** 2
             pulls[i] = weights[i] * residuals[i]
         add_up_rows(rows, weights, pulls, matrix, vector)
-        for k in range(2, count):
+        for k in range(first, count):
             matrix[k, k] += 1e-6
         if turn < 2:
-            for k in range(2):
-                matrix[k, k] += 1e-6
+            for k in range(first):
+                matrix[k, k] += 1e-3  # of one frame alone they may all be the same
             found[:] = vector
             if not eliminate(matrix, found):
                 return 0.0
-    # Schur's complement: what is left of the shares once the others explain what they can.
-    for column in range(count - 1, 1, -1):
+    # Schur's complement: what is left of the first ones when the others explain what they can.
+    for column in range(count - 1, first - 1, -1):
         pivot = matrix[column, column]
         if not pivot > 0.0:
             return 0.0
@@ -156,8 +180,8 @@ def _take_in(
             for k in range(column):
                 matrix[row, k] -= factor * matrix[column, k]
     by = 1.0 / (scatter_px * scatter_px)
-    for row in range(2):
+    for row in range(first):
         pull[row] = by * vector[row]
-        for k in range(2):
+        for k in range(first):
             information[row, k] = by * matrix[row, k]
     return float(weights.sum())

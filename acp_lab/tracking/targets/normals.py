@@ -169,7 +169,7 @@ class NormalMeasure:
             return
         jacobian = self.at.lines(self.points_obj, self.normals).jacobian
         self.scores = sharing.share_out(
-            self.scores, offsets, self.points, self.normals, known, level, jacobian, self.at.view.prior_covariance
+            self.scores, offsets, self.places, self.normals, known, level, jacobian, self.at.view.prior_covariance
         )
 
     @property

@@ -242,19 +242,18 @@ class RegionTarget:
     def lines(self, edges: GeneratedEdges, at: Estimate) -> CorrespondenceLines:
         """Across the outline at an estimate with its edge points: those with part inside and background outside."""
         memory, most = self.memory, min(self.memory.config.lines, len(edges))
-        shown = edges.points
-        if at.view.readout is not None:
-            shown = at.read_places(edges.points, memory.edges.points_obj[edges.sample_ids])
         rows, ids = np.empty((2, most), np.int64)
         (points, outward), px_per_mm = np.empty((2, most, 2)), np.empty(most)
         count = outline_lines(
-            edges.outline, np.ascontiguousarray(edges.sample_ids), plain(shown), plain(edges.normals),
+            edges.outline, np.ascontiguousarray(edges.sample_ids), plain(edges.points), plain(edges.normals),
             plain(at.cam_T_obj), at.view.camera.numbers, memory.edges.points_obj, memory.off_obj, rows, ids, points,
             outward, px_per_mm,
         )  # fmt: skip
         self._cast(ids[:count], points, outward, px_per_mm, at)
         free = np.empty((2, count))
         count = keep_free(self.free.mm, rows[:count], ids[:count], points, outward, px_per_mm, free)
+        if at.view.readout is not None:
+            points[:count] = at.read_places(points[:count], memory.edges.points_obj[ids[:count]])
         return CorrespondenceLines(
             self.crop, rows[:count], ids[:count], points[:count], outward[:count], free[:, :count], px_per_mm[:count]
         )

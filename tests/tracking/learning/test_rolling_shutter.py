@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,8 @@ MODEL = prepared(PART)
 AT = prior_of(view_at(PART, looking_at(PART, np.array([0.8, 0.6, 1.0]), 260.0, 0.3)))
 EDGES = RigidSource(MODEL.best_generator(), 0.0).generate(AT, 200)
 JACOBIAN = AT.lines(MODEL.edges.points_obj[EDGES.sample_ids], EDGES.normals).jacobian
-LATE = (EDGES.points - CAMERA.project(AT.centre_cam[None])) / [CAMERA.width, CAMERA.height]
+SIZE_PX = np.array([CAMERA.width, CAMERA.height], float)
+LATE = (EDGES.points - CAMERA.project(AT.centre_cam[None])) / SIZE_PX
 OUTWARD = EDGES.outline.astype(float)
 EXACT = ShutterConfig(gain=1.0)
 
@@ -33,16 +36,26 @@ def motions(count: int, mm: float, seed: int = 0) -> list[FloatArray]:
 
 
 def learn(
-    shutter: RollingShutter, readout: tuple[float, float], motion: FloatArray, seed: int, noise_px: float = 0.3
+    shutter: RollingShutter,
+    readout: tuple[float, float],
+    motion: FloatArray,
+    seed: int,
+    noise_px: float = 0.3,
+    shown: float = 1.0,
+    steady_px: FloatArray | float = 0.0,
 ) -> None:
-    """A frame whose pose is a little off, and that was solved with what the shutter is taken for."""
+    """A frame whose pose is a little off, and that was solved with what the shutter is taken for.
+
+    shown: how much of what a shutter does that is not expected residuals show; steady_px: (n,) beside that.
+    """
     rng, expected = np.random.default_rng(seed), np.zeros(2) if shutter.readout is None else shutter.readout
     motion_px = JACOBIAN @ motion
-    residuals_px = LATE @ (np.array(readout) - expected) * motion_px + rng.normal(0.0, noise_px, len(EDGES))
+    residuals_px = shown * LATE @ (np.array(readout) - expected) * motion_px + steady_px
+    residuals_px += rng.normal(0.0, noise_px, len(EDGES))
     residuals_px += JACOBIAN @ np.array([0.002, -0.001, 0.001, 0.2, -0.1, 0.4]) + 0.2 * OUTWARD
     residuals_px[rng.random(len(EDGES)) < 0.1] = np.nan
     gradients = rng.choice([-20.0, 20.0], len(EDGES))
-    shutter.learn(expected, LATE, motion_px, residuals_px, gradients, OUTWARD, JACOBIAN)
+    shutter.learn(expected, SIZE_PX, LATE, EDGES.normals, motion_px, residuals_px, gradients, OUTWARD, JACOBIAN)
 
 
 @pytest.mark.parametrize("readout", [(0.0, 0.9), (0.0, 0.4), (0.0, -0.7), (0.8, 0.0)])
@@ -53,6 +66,45 @@ def test_it_is_learnt_along_its_side_and_the_other_is_none(readout: tuple[float,
     assert shutter.readout is not None
     np.testing.assert_allclose(shutter.readout, readout, atol=0.12)
     assert np.count_nonzero(shutter.readout) == 1
+
+
+@pytest.mark.parametrize("readout", [0.9, 0.4])
+@pytest.mark.parametrize("shown", [0.4, 1.0])
+def test_it_settles_near_what_is_true_however_much_of_it_residuals_show(readout: float, shown: float) -> None:
+    shutter, found = RollingShutter(ShutterConfig()), list[float]()
+    for number, motion in enumerate(motions(40, 9.0)):
+        learn(shutter, (0.0, readout), motion, number, shown=shown)
+        found.append(0.0 if shutter.readout is None else float(shutter.readout[1]))
+    np.testing.assert_allclose(found[12:], readout, atol=0.2)
+    # Once it is believed it is not taken back and believed again.
+    first = next(k for k, value in enumerate(found) if value)
+    assert all(found[first:])
+
+
+def stretched_down(by_px: float) -> FloatArray:
+    """(n,) px along the normals that a picture shows edges farther off that is stretched by so many px in all."""
+    return np.asarray(by_px * LATE[:, 1] * EDGES.normals[:, 1])
+
+
+def test_a_picture_that_is_deformed_while_the_part_moves_one_way_is_no_shutter() -> None:
+    # As a focal length that is a hundredth off along one side of the picture would have it.
+    down, shutter = np.array([0.0, 0.0, 0.0, 0.0, 4.0, 0.0]), RollingShutter(ShutterConfig())
+    steady_px = stretched_down(0.01 * CAMERA.height)
+    for number in range(100):
+        learn(shutter, (0.0, 0.0), down, number, steady_px=steady_px)
+        assert shutter.readout is None
+    # And where it then moves the other way it is clear that it was none.
+    for number in range(30):
+        learn(shutter, (0.0, 0.0), -down, number, steady_px=steady_px)
+        assert shutter.readout is None
+
+
+def test_a_shutter_of_a_picture_that_is_deformed_is_learnt() -> None:
+    shutter = RollingShutter(ShutterConfig())
+    for number, motion in enumerate(motions(20, 9.0)):
+        learn(shutter, (0.0, 0.9), motion, number, steady_px=stretched_down(1.0))
+    assert shutter.readout is not None
+    np.testing.assert_allclose(shutter.readout, (0.0, 0.9), atol=0.2)
 
 
 def test_a_picture_that_is_read_at_once_is_taken_for_that() -> None:
@@ -96,11 +148,13 @@ def test_few_edges_tell_nothing() -> None:
     residuals_px = 0.9 * LATE[:, 1] * motion_px
     residuals_px[29:] = np.nan
     for _ in range(10):
-        shutter.learn(np.zeros(2), LATE, motion_px, residuals_px, np.ones(len(EDGES)), OUTWARD, JACOBIAN)
+        shutter.learn(
+            np.zeros(2), SIZE_PX, LATE, EDGES.normals, motion_px, residuals_px, np.ones(len(EDGES)), OUTWARD, JACOBIAN
+        )
     assert shutter.readout is None
 
 
-@pytest.mark.parametrize("name", ["spread", "scatter_px", "alike", "shared_px", "gain", "least_spread", "sure"])
+@pytest.mark.parametrize("name", [field.name for field in fields(ShutterConfig)])
 @pytest.mark.parametrize("value", [0.0, float("nan")])
 def test_impossible_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(TrackingError, match=f"learning.shutter.{name}"):
