@@ -39,7 +39,7 @@ class ShutterConfig:
         scatter_px: of a residual; alike: how many residuals err together.
         shared_px: by which residuals may err in frame after frame, just as a shutter would have it.
         deformed: by what share of its size a picture may be stretched or sheared alike in all frames, as where a camera
-            is not calibrated well, or a CAD model not exact; a shutter deforms what moves otherwise otherwise.
+            is not calibrated well, or a CAD model not exact; what a shutter does follows the motion.
         gain: what residuals show of a shutter that is not expected is less than there is, so many times: edges are
             found where they are nearest, and offsets have followed.
         least_spread: standard deviation of the share below which old evidence makes room for new.

@@ -9,7 +9,7 @@ import pytest
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.tracking.learning.rolling_shutter import RollingShutter, ShutterConfig
+from acp_lab.tracking.learning.rolling_shutter import RollingShutter, ShutterConfig, _take_in
 from acp_lab.tracking.sources.rigid import RigidSource
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import CAMERA, prepared
@@ -141,6 +141,30 @@ def test_a_camera_that_is_set_otherwise_is_learnt_anew() -> None:
         learn(shutter, (0.0, 0.3), motion, number)
     assert shutter.readout is not None
     np.testing.assert_allclose(shutter.readout, (0.0, 0.3), atol=0.15)
+
+
+def test_the_evidence_of_a_frame_is_what_the_plain_formulas_say() -> None:
+    rng, count = np.random.default_rng(4), len(EDGES)
+    kept, gradients = rng.normal(size=(6, count)), rng.normal(size=count)
+    residuals_px = kept.T @ rng.normal(0.0, 0.2, 6) + rng.normal(0.0, 0.4, count)
+    residuals_px[::7] = np.nan
+    information, pull = np.empty((6, 6)), np.empty(6)
+    weight = _take_in(kept, residuals_px, gradients, OUTWARD, JACOBIAN, 0.5, information, pull)
+
+    seen = np.isfinite(residuals_px)
+    jacobian = JACOBIAN[seen] / np.abs(JACOBIAN[seen]).max(0)
+    beside = np.column_stack([np.sign(gradients) * np.abs(OUTWARD), OUTWARD])[seen]
+    rows, residuals = np.column_stack([kept.T[seen], beside, jacobian]), residuals_px[seen]
+    ridge, found = np.diag([1e-3] * 6 + [1e-6] * 8), np.zeros(14)
+    for _ in range(3):
+        weights = 1.0 / (1.0 + ((residuals - rows @ found) / 0.5) ** 2) ** 2
+        matrix, vector = rows.T @ (weights[:, None] * rows), rows.T @ (weights * residuals)
+        found = np.linalg.solve(matrix + ridge, vector)
+    matrix[6:, 6:] += ridge[6:, 6:]
+    of_rest = matrix[:6, 6:] @ np.linalg.inv(matrix[6:, 6:])
+    np.testing.assert_allclose(information, (matrix[:6, :6] - of_rest @ matrix[6:, :6]) / 0.25, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(pull, (vector[:6] - of_rest @ vector[6:]) / 0.25, rtol=1e-6, atol=1e-6)
+    assert weight == pytest.approx(float(weights.sum()))
 
 
 def test_few_edges_tell_nothing() -> None:
