@@ -42,7 +42,8 @@ class ShutterConfig:
             is not calibrated well, or a CAD model not exact; what a shutter does follows the motion.
         gain: what residuals show of a shutter that is not expected is less than there is, so many times: edges are
             found where they are nearest, and offsets have followed.
-        least_spread: standard deviation of the share below which old evidence makes room for new.
+        least_spread: standard deviation of the share below which old evidence makes room for new; so much always
+            remains, as smears and what else follows the motion err with it.
         sure: standard deviations that a share must be from 0 to be believed, and keep: to be so still.
     """
 
@@ -113,12 +114,13 @@ class RollingShutter:
         config = self.config
         precision = np.diag([1.0 / config.spread**2] * 2 + [1.0] * 4) + self._information / config.alike
         shared = config.shared_px * self._shared / np.maximum(np.diag(self._information)[:2], 1e-12)
+        variance = shared**2 + config.least_spread**2
         shares, sureness = np.zeros(2), np.zeros(2)
         for side in range(2):  # rows or columns: a camera reads along one side of its sensor
             unknown = [side, 2, 3, 4, 5]
             covariance = np.linalg.inv(precision[np.ix_(unknown, unknown)])
             shares[side] = min(max(covariance[0] @ self._pull[unknown] / config.alike, -1.0), 1.0)
-            sureness[side] = abs(shares[side]) / math.hypot(math.sqrt(covariance[0, 0]), shared[side])
+            sureness[side] = abs(shares[side]) / math.sqrt(covariance[0, 0] + variance[side])
         side = int(sureness.argmax())
         is_known = self.readout is not None and self.readout[side] != 0.0
         if sureness[side] < (config.keep if is_known else config.sure):
