@@ -26,6 +26,8 @@ def read_places(
 ) -> FloatArray:
     """(n, 2) px where points show that are at (n, 2) px while the part's centre is read.
 
+    Those of points behind the camera stay.
+
     Args:
         points_obj: (n, 3) mm, their places on the part; cam_T_obj: (4, 4) the pose of that moment.
         centre_obj: (3,) mm, the part's centre.
@@ -54,6 +56,9 @@ def _read_places(
         middle[k] = pose[k, 3]
         for j in range(3):
             middle[k] += pose[k, j] * centre_obj[j]
+    if not middle[2] > 0.0:
+        found[:] = points
+        return
     u, v = fx * middle[0] / middle[2] + camera[2], fy * middle[1] / middle[2] + camera[3]
     for i in range(len(points)):
         for k in range(3):
@@ -61,7 +66,7 @@ def _read_places(
             for j in range(3):
                 arm[k] += pose[k, j] * (points_obj[i, j] - centre_obj[j])
             at[k] = middle[k] + arm[k]
-        # Per frame, mm; what the row's own delay adds to the delay is small of second order.
+        # mm per frame. That it is read by another row where it shows is left out: an effect of second order.
         x = motion[3] + motion[1] * arm[2] - motion[2] * arm[1]
         y = motion[4] + motion[2] * arm[0] - motion[0] * arm[2]
         z = motion[5] + motion[0] * arm[1] - motion[1] * arm[0]

@@ -63,6 +63,8 @@ def test_a_part_that_moves_down_is_longer_and_one_that_moves_up_shorter() -> Non
 
 
 def test_points_behind_the_camera_stay() -> None:
-    behind = POSE.copy()
+    behind, level = POSE.copy(), POSE.copy()
     behind[2, 3] = -300.0
-    np.testing.assert_array_equal(read(MOTION, (0.0, 0.9), behind), POINTS)
+    level[2, 3] -= transform(POSE, PART.box_centre)[2]  # the centre is in the camera's own plane
+    for pose in (behind, level):
+        np.testing.assert_array_equal(read(MOTION, (0.0, 0.9), pose), POINTS)
