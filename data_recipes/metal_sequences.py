@@ -111,7 +111,10 @@ def build_parser() -> Parser:
     parser.add_argument("--trans-mm-per-frame", type=positive, help="mean; default: by kind, 1.5 to 4.5")
     parser.add_argument("--shake-deg", type=positive, default=0.0, help="of a camera in a hand, rms turn (0: a stand)")
     parser.add_argument(
-        "--rolling-shutter", type=share, default=0.0, metavar="SHARE",
+        "--rolling-shutter",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
         help="of the time between frames, in which rows are read one after another (0: all at once); our renderer only",
     )
     parser.add_argument("--clutter", type=whole, help="number of other objects on the bench (default: 9 to 13)")
