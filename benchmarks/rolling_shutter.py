@@ -81,9 +81,9 @@ def read_row_by_row(
         return list(frames)
     found = []
     for k, one in enumerate(frames):
-        before, after = frames[max(k - 1, 0)], frames[min(k + 1, len(frames) - 1)]
-        count = max(min(k + 1, len(frames) - 1) - max(k - 1, 0), 1)
-        motion = pose_step_between(before.truth, after.truth, centre_obj) / count
+        before, after = max(k - 1, 0), min(k + 1, len(frames) - 1)
+        step = pose_step_between(frames[before].truth, frames[after].truth, centre_obj)
+        motion = step / max(after - before, 1)
         image = _read(one.frame.image, one.frame.camera, one.truth, motion, readout, caster, centre_obj)
         found.append(replace(one, frame=replace(one.frame, image=image)))
     return found

@@ -66,10 +66,9 @@ class FirstFrame:
         at = seen.view.at_pose(pose)
         edges = solver.source.generate(at, LOOK_LEVEL.samples)
         points_obj = knowledge.edges.points_obj[edges.sample_ids]
-        now, then = (replace(seen.view, readout=one).at_pose(pose) for one in (readout, before))
-        off_px = np.linalg.norm(
-            now.read_places(edges.points, points_obj) - then.read_places(edges.points, points_obj), axis=1
-        )
+        then = replace(seen.view, readout=before).at_pose(pose)
+        off = at.read_places(edges.points, points_obj) - then.read_places(edges.points, points_obj)
+        off_px = np.linalg.norm(off, axis=1)
         smear_px = knowledge.blur_px(edges, edges.normals, at) if smear_is_new else None
         is_smeared = smear_px is not None and (smear_px > _SMEARED_PX).mean() > _SHARE
         if is_smeared or (off_px > _SHOWN_OFF_PX).mean() > _SHARE:

@@ -368,12 +368,15 @@ class SampleKnowledge:
             self.lens.learn(matches.patch)
 
     def _learn_shutter(self, shutter: RollingShutter, matches: Matches, motion: FloatArray) -> None:
+        motion_px = matches.jacobian @ motion
+        if not shutter.is_told_by(motion_px):
+            return
         at = matches.at
         camera, expected = at.view.camera, at.view.readout
         size_px = np.array([camera.width, camera.height], float)
         late = (matches.edges.points - camera.project(at.centre_cam[None])) / size_px
         shutter.learn(
-            np.zeros(2) if expected is None else expected, size_px, late, matches.normals, matches.jacobian @ motion,
+            np.zeros(2) if expected is None else expected, size_px, late, matches.normals, motion_px,
             matches.sure_residuals_px, matches.gradients, matches.outward, matches.jacobian,
         )  # fmt: skip
 

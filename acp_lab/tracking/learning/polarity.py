@@ -84,19 +84,18 @@ class EdgePolarity:
         return self.shift_px - before
 
 
-@kernel("f8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8, f8)")
-def _fit_shift(
-    gradients: FloatArray, outward: FloatArray, residuals_px: FloatArray, jacobian: FloatArray, doubt: float,
-    scatter_px: float, before: float,
-) -> float:  # fmt: skip
-    """The shift beside `before`, px, of a robust fit of shift, size and pose step, see `EdgePolarity.measure`.
+@kernel("i8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[::1])")
+def shift_size_and_step(
+    gradients: FloatArray, outward: FloatArray, residuals_px: FloatArray, jacobian: FloatArray, rows: FloatArray,
+    residuals: FloatArray,
+) -> int:  # fmt: skip
+    """Fill rows (8, n) and residuals (n,) with what is finite of n residuals; returns how many that is.
 
-    doubt: information of the prior that there is no shift at all; 0 where nothing can be fitted.
+    A row is of how residuals follow an unknown: the shift, the size, and the six of a pose step, rad and mm alike in
+    that each is a share of the largest. The others: see `EdgePolarity.measure`.
     """
-    most, edges = len(residuals_px), 0
-    rows, residuals = np.empty((8, most)), np.empty(most)
-    scale = np.full(6, 1e-12)
-    for i in range(most):
+    edges, scale = 0, np.full(6, 1e-12)
+    for i in range(len(residuals_px)):
         if np.isfinite(residuals_px[i]):
             residuals[edges] = residuals_px[i]
             rows[0, edges], rows[1, edges] = np.sign(gradients[i]) * abs(outward[i]), outward[i]
@@ -106,7 +105,21 @@ def _fit_shift(
             edges += 1
     for k in range(6):
         for i in range(edges):
-            rows[2 + k, i] /= scale[k]  # rad and mm alike
+            rows[2 + k, i] /= scale[k]
+    return edges
+
+
+@kernel("f8(f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8, f8)")
+def _fit_shift(
+    gradients: FloatArray, outward: FloatArray, residuals_px: FloatArray, jacobian: FloatArray, doubt: float,
+    scatter_px: float, before: float,
+) -> float:  # fmt: skip
+    """The shift beside `before`, px, of a robust fit of shift, size and pose step, see `EdgePolarity.measure`.
+
+    doubt: information of the prior that there is no shift at all; 0 where nothing can be fitted.
+    """
+    rows, residuals = np.empty((8, len(residuals_px))), np.empty(len(residuals_px))
+    edges = shift_size_and_step(gradients, outward, residuals_px, jacobian, rows, residuals)
     found, matrix = np.zeros(8), np.empty((8, 8))
     rest, weights, pulls = np.empty(edges), np.empty(edges), np.empty(edges)
     for _ in range(2):  # the second time around what the first one found

@@ -9,7 +9,6 @@ is learnt across the picture and down it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,7 +18,8 @@ from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray, plain
 from acp_lab.geometry.normal_equations import add_up_rows, leave_rest
-from acp_lab.geometry.pose_kernels import eliminate
+from acp_lab.geometry.pose_kernels import eliminate, invert
+from acp_lab.tracking.learning.polarity import shift_size_and_step
 
 _LEAST_POINTS = 30
 # Edges that move less than this across themselves, on average, tell next to nothing.
@@ -72,6 +72,11 @@ class RollingShutter:
         self.readout: FloatArray | None = None
         self._information, self._pull = np.zeros((_KEPT, _KEPT)), np.zeros(_KEPT)
         self._shared = np.zeros(2)
+        self._prior = np.diag([1.0 / config.spread**2] * 2 + [1.0] * 4)
+
+    def is_told_by(self, motion_px: FloatArray) -> bool:
+        """Whether a frame whose edges move across themselves by (n,) px from frame to frame tells anything."""
+        return len(motion_px) >= _LEAST_POINTS and float(np.abs(motion_px).mean()) >= _LEAST_PX
 
     def learn(
         self, expected: FloatArray, size_px: FloatArray, late: FloatArray, normals: FloatArray, motion_px: FloatArray,
@@ -87,15 +92,14 @@ class RollingShutter:
             gradients, outward, jacobian: see `EdgePolarity.measure`; what these explain is no shutter.
         """
         config = self.config
-        if np.abs(motion_px).mean() < _LEAST_PX or np.count_nonzero(np.isfinite(residuals_px)) < _LEAST_POINTS:
+        if not self.is_told_by(motion_px) or np.count_nonzero(np.isfinite(residuals_px)) < _LEAST_POINTS:
             return
         # Stretched and sheared by px per px, as shares of the most that is likely.
         likely_px = config.deformed * size_px * late
-        rows = np.stack([
-            late[:, 0] * motion_px, late[:, 1] * motion_px,
-            likely_px[:, 0] * normals[:, 0], likely_px[:, 1] * normals[:, 0],
-            likely_px[:, 0] * normals[:, 1], likely_px[:, 1] * normals[:, 1],
-        ])  # fmt: skip
+        rows = np.empty((_KEPT, len(late)))
+        np.multiply(late.T, motion_px, out=rows[:2])
+        np.multiply(likely_px.T, normals[:, 0], out=rows[2:4])
+        np.multiply(likely_px.T, normals[:, 1], out=rows[4:])
         information, pull = np.zeros((_KEPT, _KEPT)), np.zeros(_KEPT)
         edges = _take_in(
             rows, plain(residuals_px), plain(gradients), plain(outward), plain(jacobian), config.scatter_px,
@@ -103,29 +107,43 @@ class RollingShutter:
         )  # fmt: skip
         if edges == 0.0:
             return
-        kept = min(1.0, config.alike / (config.least_spread**2 * max(self._information[:2, :2].max(), 1e-9)))
+        known = max(self._information[0, 0], self._information[1, 1], 1e-9)
+        kept = min(1.0, config.alike / (config.least_spread**2 * known))
         self._information = kept * self._information + information
         self._pull = kept * self._pull + config.gain * pull + information[:, :2] @ expected
         # What errs together in one frame does so in all, for all that is known.
-        self._shared = kept * self._shared + np.sqrt(edges * np.diag(information)[:2]) / config.scatter_px
+        self._shared = kept * self._shared + np.sqrt(edges * information.diagonal()[:2]) / config.scatter_px
         self.readout = self._believed()
 
     def _believed(self) -> FloatArray | None:
         config = self.config
-        precision = np.diag([1.0 / config.spread**2] * 2 + [1.0] * 4) + self._information / config.alike
-        shared = config.shared_px * self._shared / np.maximum(np.diag(self._information)[:2], 1e-12)
-        variance = shared**2 + config.least_spread**2
-        shares, sureness = np.zeros(2), np.zeros(2)
-        for side in range(2):  # rows or columns: a camera reads along one side of its sensor
-            unknown = [side, 2, 3, 4, 5]
-            covariance = np.linalg.inv(precision[np.ix_(unknown, unknown)])
-            shares[side] = min(max(covariance[0] @ self._pull[unknown] / config.alike, -1.0), 1.0)
-            sureness[side] = abs(shares[side]) / math.sqrt(covariance[0, 0] + variance[side])
+        shares, variances = np.empty(2), np.empty(2)
+        _one_side(self._prior + self._information / config.alike, self._pull / config.alike, shares, variances)
+        shared = config.shared_px * self._shared / np.maximum(self._information.diagonal()[:2], 1e-12)
+        sureness = np.abs(shares) / np.sqrt(variances + shared**2 + config.least_spread**2)
         side = int(sureness.argmax())
         is_known = self.readout is not None and self.readout[side] != 0.0
-        if sureness[side] < (config.keep if is_known else config.sure):
-            return None
-        return np.where(np.arange(2) == side, shares, 0.0)
+        is_believed = bool(sureness[side] >= (config.keep if is_known else config.sure))
+        return np.where(np.arange(2) == side, shares, 0.0) if is_believed else None
+
+
+@kernel("void(f8[:, ::1], f8[::1], f8[::1], f8[::1])")
+def _one_side(precision: FloatArray, pull: FloatArray, shares: FloatArray, variances: FloatArray) -> None:
+    """Fill shares (2,) in [-1, 1] and variances (2,): of each of the first two unknowns where the other is 0.
+
+    A camera reads along one side of its sensor. precision (k, k), pull (k,): of the normal equations of all.
+    """
+    rest = len(pull) - 2
+    matrix, covariance = np.empty((1 + rest, 1 + rest)), np.empty((1 + rest, 1 + rest))
+    for side in range(2):
+        for row in range(1 + rest):
+            for column in range(1 + rest):
+                matrix[row, column] = precision[row + 1 if row else side, column + 1 if column else side]
+        invert(matrix, covariance)
+        share = covariance[0, 0] * pull[side]
+        for k in range(rest):
+            share += covariance[0, 1 + k] * pull[2 + k]
+        shares[side], variances[side] = min(max(share, -1.0), 1.0), covariance[0, 0]
 
 
 @kernel("f8(f8[:, ::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8, f8[:, ::1], f8[::1])")
@@ -138,23 +156,16 @@ def _take_in(
     Those of the frame alone are eliminated. Weights are robust, about a first fit; their sum is returned, 0 where none
     is possible.
     """
-    most, edges, first = len(residuals_px), 0, len(kept)
+    most, first = len(residuals_px), len(kept)
     count = first + _BESIDE
     rows, residuals = np.empty((count, most)), np.empty(most)
-    scale = np.full(6, 1e-12)
+    edges = shift_size_and_step(gradients, outward, residuals_px, jacobian, rows[first:], residuals)
+    seen = 0
     for i in range(most):
         if np.isfinite(residuals_px[i]):
-            residuals[edges] = residuals_px[i]
             for k in range(first):
-                rows[k, edges] = kept[k, i]
-            rows[first, edges], rows[first + 1, edges] = np.sign(gradients[i]) * abs(outward[i]), outward[i]
-            for k in range(6):
-                rows[first + 2 + k, edges] = jacobian[i, k]
-                scale[k] = max(scale[k], abs(jacobian[i, k]))
-            edges += 1
-    for k in range(6):
-        for i in range(edges):
-            rows[first + 2 + k, i] /= scale[k]  # rad and mm alike
+                rows[k, seen] = kept[k, i]
+            seen += 1
     matrix, vector, found = np.empty((count, count)), np.empty(count), np.zeros(count)
     rest, weights, pulls = np.empty(edges), np.empty(edges), np.empty(edges)
     for turn in range(3):

@@ -9,7 +9,7 @@ import pytest
 
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.tracking.learning.rolling_shutter import RollingShutter, ShutterConfig, _take_in
+from acp_lab.tracking.learning.rolling_shutter import RollingShutter, ShutterConfig, _one_side, _take_in
 from acp_lab.tracking.sources.rigid import RigidSource
 from tests.made_parts import bracket, looking_at
 from tests.tracking.rendered import CAMERA, prepared
@@ -165,6 +165,20 @@ def test_the_evidence_of_a_frame_is_what_the_plain_formulas_say() -> None:
     np.testing.assert_allclose(information, (matrix[:6, :6] - of_rest @ matrix[6:, :6]) / 0.25, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(pull, (vector[:6] - of_rest @ vector[6:]) / 0.25, rtol=1e-6, atol=1e-6)
     assert weight == pytest.approx(float(weights.sum()))
+
+
+def test_each_side_is_asked_as_if_the_other_were_none() -> None:
+    rng = np.random.default_rng(6)
+    rows, pull = rng.normal(size=(30, 6)), rng.normal(size=6)
+    precision, shares, variances = rows.T @ rows, np.empty(2), np.empty(2)
+    _one_side(precision, pull, shares, variances)
+    for side in range(2):
+        unknown = [side, 2, 3, 4, 5]
+        covariance = np.linalg.inv(precision[np.ix_(unknown, unknown)])
+        assert shares[side] == pytest.approx(covariance[0] @ pull[unknown])
+        assert variances[side] == pytest.approx(covariance[0, 0])
+    _one_side(precision, 1e3 * pull, shares, variances)
+    np.testing.assert_array_equal(np.abs(shares), 1.0)
 
 
 def test_few_edges_tell_nothing() -> None:
