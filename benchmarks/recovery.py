@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -121,18 +121,18 @@ def main() -> None:
     parser.add_argument("--record", metavar="KEY")
     args = parser.parse_args()
     method = read_method(Path(args.method)) if args.method.endswith(".toml") else method_named(args.method)
-    returns: list[Return] = []
+    found: list[Return] = []
     for root in args.datasets:
         for scene_id in args.scene or BopDataset(root).scenes():
             scene = BopDataset(root).open_scene(scene_id)
             if not is_in_split(part_name(root, scene.object_ids[0]), args.split):
                 continue
             with short_collections():
-                new = list(_returns(scene, args.parts, method, args.kinds.split(","), args.size_px))
+                new = list(returns(scene, args.parts, method, args.kinds.split(","), args.size_px))
             print(root.name, scene_id, *(_told(one) for one in new), sep="  ", flush=True)
-            returns += new
-    rows = sorted({one.row for one in returns}, key=[*HIDDEN, "elsewhere"].index)
-    values = {row: _row([one for one in returns if one.row == row]) for row in rows}
+            found += new
+    rows = sorted({one.row for one in found}, key=[*HIDDEN, "elsewhere"].index)
+    values = {row: row_of([one for one in found if one.row == row]) for row in rows}
     for kind, row in values.items():
         print(kind, row)
     if args.record:
@@ -142,7 +142,10 @@ def main() -> None:
         measured.record(f"recovery.{args.record}", about, UNIT, names, values)
 
 
-def _returns(scene: BopScene, parts: Path, method: Method, kinds: list[str], size_px: float | None) -> Iterator[Return]:
+def returns(
+    scene: BopScene, parts: Path, method: Method, kinds: Sequence[str], size_px: float | None = None
+) -> Iterator[Return]:
+    """What comes of a scene's absences; parts: folder of prepared parts; the others as on the command line."""
     object_id = scene.object_ids[0]
     model = prepared_part_of(scene, parts)
     metric = PartMetric(model.part, 500)
@@ -238,7 +241,8 @@ def _told(one: Return) -> str:
     return f"{one.kind}{'' if one.near else ' (far)'}: {back}" + (f" (false {one.false})" if one.false > STEADY else "")
 
 
-def _row(returns: list[Return]) -> dict[str, float]:
+def row_of(returns: Sequence[Return]) -> dict[str, float]:
+    """The values of a row, see UNIT."""
     lost = [ms for one in returns for ms in one.lost_ms]
     return {
         "runs": len(returns),

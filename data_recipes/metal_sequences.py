@@ -57,6 +57,7 @@ def make_plans(args: argparse.Namespace) -> list[Plan]:
                 rot_deg=args.rot_deg_per_frame,
                 trans_mm=args.trans_mm_per_frame,
                 clutter=args.clutter,
+                look_alikes=args.look_alikes,
                 shake_deg=args.shake_deg,
                 readout=args.rolling_shutter,
             ),
@@ -118,6 +119,9 @@ def build_parser() -> Parser:
         help="of the time between frames, in which rows are read one after another (0: all at once); our renderer only",
     )
     parser.add_argument("--clutter", type=whole, help="number of other objects on the bench (default: 9 to 13)")
+    parser.add_argument(
+        "--look-alikes", type=whole, default=0, help="number of other parts like the tracked one on the bench (0)"
+    )
     parser.add_argument("--image-format", choices=("jpg", "png"), default="jpg", help="jpg (default) or png")
     parser.add_argument("--contact-sheet", type=Path, metavar="PNG", help="also write a picture of what was made")
     parser.add_argument("--path-traced", action="store_true", help="render with Mitsuba: more realistic, far slower")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from acp_lab.cad.part import Part
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Candidate, Detector, Look, judging
@@ -42,6 +43,8 @@ _LARGE_PX = 250.0
 """A part that appears more than twice as large is aligned in a halved image: time stays bounded."""
 _SAME_SHARE = 0.1
 """Of the diameter: poses whose points are no further apart are one hypothesis."""
+_APART_SHARE = 0.25
+"""Of the diameter: centres that are farther from each other, across the line of sight, are of two parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,6 +252,24 @@ class Finder:
             if not self.is_same(candidate.cam_T_obj, (one.cam_T_obj for one in kept)):
                 kept.append(candidate)
         return kept
+
+
+def are_apart(part: Part, camera: Camera, cam_T_obj: FloatArray, other: FloatArray) -> bool:
+    """Whether two poses (4, 4) are of two parts: in an image their centres are too far from each other for one."""
+    centres = np.array([transform(pose, part.box_centre) for pose in (cam_T_obj, other)])
+    if centres[:, 2].min() <= 0.0:
+        return False
+    here, there = camera.project(centres)
+    mm_per_px = centres[:, 2].min() / camera.fx
+    return bool(np.linalg.norm(here - there) * mm_per_px > _APART_SHARE * part.diameter)
+
+
+def scores_in_place(part: Part, camera: Camera, hypotheses: Sequence[Detection]) -> list[float]:
+    """In [0, 1] each: how likely it is right if there may be others like it elsewhere; of all that a search found."""
+    odds = np.array([one.score for one in hypotheses]) / max(1.0 - sum(one.score for one in hypotheses), 1e-9)
+    poses = [one.cam_T_obj for one in hypotheses]
+    rivals = [[not are_apart(part, camera, one, other) for other in poses] for one in poses]
+    return [float(own / (1.0 + odds[here].sum())) for own, here in zip(odds, rivals, strict=True)]
 
 
 class LateFinder:

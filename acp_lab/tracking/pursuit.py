@@ -171,6 +171,13 @@ class Pursuit:
         self.region = region
         return best
 
+    def solve(self, clock: Stopwatch, frame: Frame, cam_T_obj: FloatArray) -> Solution | None:
+        """The best solution of any frame from a pose (4, 4); the region in use stays."""
+        region = self.region
+        solution = self.best_of(frame, [cam_T_obj], clock)
+        self.region = region
+        return solution
+
     def try_from(
         self, frame: Frame, predicted: FloatArray, clock: Stopwatch, levels: tuple[Level, ...] | None = None
     ) -> Solution | None:

@@ -131,6 +131,8 @@ class WayBack:
         least_score: that a hypothesis must have for that; least_score_near: of a search nearby, which aligns nothing.
         poor_below, poor_frames: so many frames in a row of a quality below that, and the detector looks around the
             part, though it is not lost, see `second_thoughts`; 0 frames for never.
+        remembered_frames: for so many frames it is known what else stood around the part, see `look_alikes`; 0 for
+            never.
     """
 
     kind: ClassVar[str] = "detector"
@@ -140,14 +142,16 @@ class WayBack:
     least_score_near: float = 0.2
     poor_below: float = 0.85
     poor_frames: int = 5
+    remembered_frames: int = 300
 
     def __post_init__(self) -> None:
         if not 0.0 < self.budget < float("inf"):
             raise TrackingError(f"way_back.budget = {self.budget:g}: give a number above 0")
         if not 1 <= self.proposals <= 100:
             raise TrackingError(f"way_back.proposals = {self.proposals}: give 1 to 100")
-        if self.poor_frames < 0:
-            raise TrackingError(f"way_back.poor_frames = {self.poor_frames}: give 0, for never, or more")
+        for name in ("poor_frames", "remembered_frames"):
+            if getattr(self, name) < 0:
+                raise TrackingError(f"way_back.{name} = {getattr(self, name)}: give 0, for never, or more")
         for name in ("least_score", "least_score_near", "poor_below"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise TrackingError(f"way_back.{name} = {getattr(self, name):g}: give 0 to 1")

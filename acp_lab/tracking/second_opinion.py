@@ -4,7 +4,8 @@ From a start pose that is far off, the search may end at a pose that looks like 
 it for as long as the part is tracked. The detector needs no pose: it searches the image around the start in its own
 way, and judges what it finds and the pose in question by its own evidence. Where it clearly prefers another one, the
 frame is solved from there, and that is taken where the tracker, too, holds it for the likelier one. A pose near the
-start has the start's word for it: it takes more to contradict that.
+start has the start's word for it: it takes more to contradict that. And where the detector finds the part at the pose
+in question, too, what it finds in another place is another such part: the start says which one is meant.
 (Not in the paper, whose sequences start from the truth.)
 """
 
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.find import Finder
+from acp_lab.tracking.find import Finder, are_apart, scores_in_place
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.search import Look, PoseSolver
 from acp_lab.tracking.solution import Solution
@@ -81,13 +82,16 @@ def _contradiction(
     question: Question, finder: Finder, config: SecondOpinion, needed: Contradiction
 ) -> FloatArray | None:
     """The pose (4, 4) of the best hypothesis around the start, where it is another one and clearly likelier."""
+    part, camera = finder.model.part, question.frame.camera
     around = PosePrior(question.start, config.within_deg, config.depth_ratio, config.around_px)
-    own, best = 0.0, None
-    for one in finder.find(question.frame, _HYPOTHESES, around, rival=question.found):
+    own, own_in_place, best = 0.0, 0.0, None
+    found = finder.find(question.frame, _HYPOTHESES, around, rival=question.found)
+    for one, in_place in zip(found, scores_in_place(part, camera, found), strict=True):
         if finder.is_same(one.cam_T_obj, (question.found,)):
-            own = max(own, one.score)
+            own, own_in_place = max(own, one.score), max(own_in_place, in_place)
         elif best is None:
             best = one
     if best is None or best.score < max(needed.score, needed.times * own):
         return None
-    return best.cam_T_obj
+    is_other = own_in_place >= config.apart_below and are_apart(part, camera, best.cam_T_obj, question.found)
+    return None if is_other else best.cam_T_obj

@@ -45,6 +45,7 @@ class SecondOpinion:
     Attributes:
         within_deg, depth_ratio, around_px: how far from the start pose it looks, see `PosePrior`.
         near, far: what contradicts a pose found as near the start as a search around it reaches; one found beyond.
+        apart_below: score of a pose in its place, from which on what is elsewhere contradicts nothing: another part.
     """
 
     kind: ClassVar[str] = "detector"
@@ -53,6 +54,7 @@ class SecondOpinion:
     around_px: float = 120.0
     near: Contradiction = Contradiction(0.3, 20.0)
     far: Contradiction = Contradiction(0.15, 3.0)
+    apart_below: float = 0.5
 
     def __post_init__(self) -> None:
         checks = (
@@ -62,6 +64,7 @@ class SecondOpinion:
             ("near.score", 0.0 <= self.near.score <= 1.0, self.near.score, "0 to 1"),
             ("near.times", 1.0 <= self.near.times <= 1e6, self.near.times, "1 to 1e6"),
             ("far.score", 0.0 <= self.far.score <= 1.0, self.far.score, "0 to 1"),
+            ("apart_below", 0.0 <= self.apart_below <= 2.0, self.apart_below, "0 to 1, or more for always"),
             ("far.times", 1.0 <= self.far.times <= 1e6, self.far.times, "1 to 1e6"),
         )
         for name, good, value, wanted in checks:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -205,6 +206,7 @@ class Tracker:
         first, self._first = self._first, None
         step = self._times.step_to(frame)
         pursuit.predictor.elapse(step)
+        whereabouts.next_frame()
         if isinstance(frame, UnreadableFrame):
             if self._camera is not None:
                 self._camera.miss()
@@ -228,6 +230,9 @@ class Tracker:
                 solution = pursuit.recover(frame, predicted, solution, clock, whereabouts.states)
             other = self._elsewhere(frame, solution, clock)
             solution = other or solution
+        if whereabouts.is_looked_for and whereabouts.is_another(frame, solution, partial(pursuit.solve, clock), clock):
+            pursuit.restart(whereabouts.last_seen)
+            solution = None
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             pursuit.restart(self.last)
@@ -377,7 +382,8 @@ class Tracker:
         """A frame solved from where second thoughts find a part that is followed; None where its solution stays."""
         pursuit, region = self._pursuit, self._pursuit.region
         best = pursuit.best_of(frame, self._whereabouts.second_thoughts(frame, solution, clock), clock)
-        if best is None or solution is None or not self._whereabouts.prefers(best, solution):
+        solve = partial(pursuit.solve, clock)
+        if best is None or solution is None or not self._whereabouts.prefers(frame, best, solution, solve):
             pursuit.region = region
             return None
         return best

@@ -29,7 +29,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.find import Detection, Finder
+from acp_lab.tracking.find import Detection, Finder, scores_in_place
 from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, appears_px
 from acp_lab.tracking.picture import PictureSearch, take_picture
 from acp_lab.tracking.recovery import WayBack
@@ -42,6 +42,8 @@ LEAST_SEARCH_WORK = 1_000.0
 """Of a search, though it look at next to nothing: thousands of those would fit into a frame's budget."""
 PICTURE = PictureSearch(reach=1.0)
 """Of the part in the frame that was searched: a fast one moves by its own size until the search ends."""
+PICTURE_AMONG_OTHERS = PictureSearch(reach=0.3)
+"""The same, where others like it are about: farther away is one of those."""
 
 
 class Search(Errand[tuple[Detection, ...]]):
@@ -79,7 +81,9 @@ class Reach:
         return PosePrior(cam_T_obj, self.within_deg, self.depth_ratio, around_px)
 
 
-def moved_on(part: Part, cam_T_obj: FloatArray, searched: Frame, frame: Frame) -> list[FloatArray]:
+def moved_on(
+    part: Part, cam_T_obj: FloatArray, searched: Frame, frame: Frame, search: PictureSearch = PICTURE
+) -> list[FloatArray]:
     """A pose (4, 4) that was found in a frame, as poses in a later one, the likelier first.
 
     It is moved to where the part's picture is now. What passes in front of the part has a picture, too, so both are
@@ -87,9 +91,9 @@ def moved_on(part: Part, cam_T_obj: FloatArray, searched: Frame, frame: Frame) -
     """
     if searched.camera != frame.camera:
         return [cam_T_obj]
-    picture = take_picture(searched, box_corners(part), cam_T_obj, PICTURE)
-    shift_px = None if picture is None else picture.shift_in(frame.image, np.zeros(2), PICTURE)
-    if shift_px is None or np.linalg.norm(shift_px) < PICTURE.least_px:
+    picture = take_picture(searched, box_corners(part), cam_T_obj, search)
+    shift_px = None if picture is None else picture.shift_in(frame.image, np.zeros(2), search)
+    if shift_px is None or np.linalg.norm(shift_px) < search.least_px:
         return [cam_T_obj]
     return [shifted(cam_T_obj, part.box_centre, frame.camera, shift_px), cam_T_obj]
 
@@ -106,6 +110,8 @@ SURE_FRAMES = 5
 """In a row, of such a quality: a part that needed a second look before is believed without the rest of it."""
 SECOND_LOOKS = (LIKE_LAST, ANY_SIDE)
 """Around where the part was before; what nothing contradicts in the last one is believed."""
+_HYPOTHESES = 8
+"""Of a search: where one turns out to be another part like it, the next is tried."""
 _SURE_RIVAL = 0.5
 """Score of what contradicts a pose."""
 
@@ -129,8 +135,10 @@ class Reacquisition:
         """The part is not lost: the next search begins anew."""
         self._near: Search | None = None
         self._wide: Search | None = None
-        self._found: tuple[Detection, ...] = ()
-        self._searched: Frame | None = None
+        # Hypotheses with the frames that they are of: those that are proposed next, and what else there is.
+        self._found: tuple[tuple[Frame, Detection], ...] = ()
+        self._others: tuple[tuple[Frame, Detection], ...] = ()
+        self._met_others = False
         self._around: FloatArray | None = None
         self._wide_frames = self._wide_searches = 0
         self._prior: PosePrior | None = None
@@ -147,17 +155,31 @@ class Reacquisition:
             return None
         return Sought.by(self._prior, None if best is None else best.cam_T_obj, 0.0 if best is None else best.score)
 
+    @property
+    def budget(self) -> float:
+        """Of work per frame."""
+        return self._config.budget
+
     def look_around(self, cam_T_obj: FloatArray) -> None:
         """Search next near a pose (4, 4), where the part may have been a moment ago."""
         self._around, self._near, self._found = cam_T_obj, None, ()
+
+    def pass_on(self, last_seen: FloatArray) -> None:
+        """What was proposed last is another part like it: propose what else was found, nearest to (4, 4) first."""
+        self._met_others, centre_obj = True, self._model.part.box_centre
+        last = transform(last_seen, centre_obj)
+        others = sorted(self._others, key=lambda one: np.linalg.norm(transform(one[1].cam_T_obj, centre_obj) - last))
+        self._around, self._near, self._found, self._others = None, None, tuple(others), ()
 
     def proposals(self, frame: Frame, last_seen: FloatArray) -> list[FloatArray]:
         """Go on searching in a frame; poses (4, 4) to solve it from, the best first, mostly none.
 
         last_seen: (4, 4), where the part was.
         """
-        part, searched = self._model.part, self._searched or frame
-        found = [pose for one in self._found for pose in moved_on(part, one.cam_T_obj, searched, frame)]
+        part, most = self._model.part, self._config.proposals
+        proposed, self._others = self._found[:most], self._found[most:]
+        picture = PICTURE_AMONG_OTHERS if self._met_others or self._others else PICTURE
+        found = [pose for searched, one in proposed for pose in moved_on(part, one.cam_T_obj, searched, frame, picture)]
         self._found, self._second, self._looks = (), None, 0
         if found:
             self.look_around(found[0])
@@ -201,7 +223,7 @@ class Reacquisition:
         rival, verdict = search.rival, Verdict.OPEN
         if best is not None and rival is not None and not self._finder().is_same(best.cam_T_obj, (rival,)):
             if best.score >= _SURE_RIVAL:
-                self._best, self._searched, self._found = best, search.frame, (best,)
+                self._best, self._found = best, ((search.frame, best),)
                 verdict = Verdict.WRONG
         elif best is not None and best.score >= self._config.least_score:
             verdict = Verdict.RIGHT
@@ -213,7 +235,7 @@ class Reacquisition:
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
-        most = self._config.proposals
+        most = max(self._config.proposals, _HYPOTHESES)
         if self._wide_frames > 0 and self._around is None:
             if self._wide is None:
                 reach = WIDE[self._wide_searches % len(WIDE)]
@@ -233,9 +255,12 @@ class Reacquisition:
         self._prior, self._began = search.prior, True
         if not search.is_done:
             return budget
-        self._best, self._searched = next(iter(search.result or ()), None), search.frame
+        hypotheses = search.result or ()
+        self._best = next(iter(hypotheses), None)
         least = self._config.least_score_near if search is self._near else self._config.least_score
-        self._found = tuple(one for one in search.result or () if one.score >= least)
+        likely = scores_in_place(self._model.part, frame.camera, hypotheses)
+        found = (one for one, score in zip(hypotheses, likely, strict=True) if score >= least)
+        self._found = tuple((search.frame, one) for one in found)
         if search is self._near:
             self._near, self._wide_frames = None, WIDE_FRAMES
         else:

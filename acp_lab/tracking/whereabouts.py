@@ -6,6 +6,8 @@ fitted poorly for some frames the detector looks around it (`second_thoughts`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from acp_lab.geometry.arrays import FloatArray
@@ -14,6 +16,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.look_alikes import LookAlikes, Seen
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.second_thoughts import SecondThoughts
@@ -22,6 +25,12 @@ from acp_lab.tracking.sought import Sought
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.way_back import SURE_QUALITY, Reacquisition, Verdict
+
+_BUDGET_TIMES = 2.0
+"""What asking whether it is another part may cost in a frame, in that of a search: meanwhile none goes on."""
+
+Solve = Callable[[Frame, FloatArray], Solution | None]
+"""What a frame is solved for from a pose (4, 4)."""
 
 
 class Whereabouts:
@@ -44,6 +53,8 @@ class Whereabouts:
         # Views that are not stored take long, which only a lost part is worth; without a probability nothing is sure.
         thinks = model.views is not None and not isinstance(method.confidence, Off)
         self._second_thoughts = None if isinstance(config, Off) or not thinks else SecondThoughts(model, config, finder)
+        remembered_frames = 0 if isinstance(config, Off) or model.views is None else config.remembered_frames
+        self._look_alikes = LookAlikes(model.part, remembered_frames, finder) if remembered_frames > 0 else None
         self.forget()
 
     def forget(self) -> None:
@@ -53,10 +64,19 @@ class Whereabouts:
         self.fits = self.may_teach = False
         # Whether a second look found a weak part where it is, however little of it fixes its pose.
         self._believed = False
+        # Whether it is not known yet of what fits in the last frame that it is no other part.
+        self._is_open = False
+        if self._look_alikes is not None:
+            self._look_alikes.forget()
         if self._way_back is not None:
             self._way_back.forget()
         if self._second_thoughts is not None:
             self._second_thoughts.forget()
+
+    def next_frame(self) -> None:
+        """Time goes by."""
+        if self._look_alikes is not None:
+            self._look_alikes.next_frame()
 
     def begin(self, cam_T_obj: FloatArray, quality: float) -> str:
         """Take in the first frame's pose (4, 4) and its quality; the reason where it does not begin as tracked."""
@@ -94,8 +114,22 @@ class Whereabouts:
 
     def tried(self, solution: Solution | None) -> None:
         """Take in what proposals came to: the search goes on around there where it fits."""
-        if solution is not None and self._way_back is not None and self._is_found(self._assessment.quality(solution)):
+        if solution is not None and self._way_back is not None and self._fits(solution):
             self._way_back.look_around(solution.cam_T_obj)
+
+    def is_another(self, frame: Frame, solution: Solution | None, solve: Solve, clock: Stopwatch) -> bool:
+        """Whether a frame of a lost part was solved for another part like it; solve: from a pose, any frame."""
+        self._is_open = False
+        if solution is None or self._look_alikes is None or self._way_back is None or not self._fits(solution):
+            return False
+        clock.lap()
+        budget = _BUDGET_TIMES * self._way_back.budget
+        answer = self._look_alikes.ask(frame, solution.cam_T_obj, self._seen_by(solve), budget)
+        clock.search_s += clock.lap()
+        if answer:
+            self._way_back.pass_on(self.last_seen)
+        self._is_open = answer is None
+        return answer is True
 
     def second_thoughts(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> list[FloatArray]:
         """Poses (4, 4) at which a part may be that is followed, but for that of a frame's solution."""
@@ -109,16 +143,23 @@ class Whereabouts:
         clock.search_s += clock.lap()
         return proposals
 
-    def prefers(self, proposed: Solution, followed: Solution) -> bool:
-        """Whether what second thoughts came to replaces the solution where the part was followed."""
+    def prefers(self, frame: Frame, proposed: Solution, followed: Solution, solve: Solve) -> bool:
+        """Whether what second thoughts came to replaces a frame's solution where the part was followed.
+
+        solve: any frame, from a pose.
+        """
         thoughts = self._second_thoughts
-        return thoughts is not None and thoughts.prefer(proposed, self._assessment.right(proposed), followed)
+        if thoughts is None or not thoughts.prefer(proposed, self._assessment.right(proposed), followed):
+            return False
+        alike = self._look_alikes
+        return alike is None or not alike.is_one(frame, proposed.cam_T_obj, self._seen_by(solve))
 
     def take_in(self, frame: Frame, solution: Solution, quality: float, clock: Stopwatch) -> str:
         """A frame's solution and its quality; the reason where the state changed, else empty."""
         if self.states.may_begin_to_track(quality):
             self.states.doubted = self._doubts(frame, solution, quality)
-        note = self.states.update(quality)
+        # Nothing is proved as long as it may be another part like it.
+        note = self.states.update(min(quality, self._method.states.found_above) if self._is_open else quality)
         self.fits = self._is_found(quality)
         note = self._look_again(frame, solution, quality, clock) or note
         if self.state is TrackState.TRACKING:
@@ -128,6 +169,8 @@ class Whereabouts:
         if self._second_thoughts is not None:
             self.may_teach &= not self._second_thoughts.on_probation
             self._second_thoughts.take_in(quality, self.is_lost)
+        if self._look_alikes is not None and self.may_teach:
+            self._look_alikes.take_in(frame, solution.cam_T_obj, quality)
         return note
 
     def miss(self) -> str:
@@ -139,6 +182,16 @@ class Whereabouts:
 
     def _is_found(self, quality: float) -> bool:
         return quality > self._method.states.found_above
+
+    def _fits(self, solution: Solution) -> bool:
+        return self._is_found(self._assessment.quality(solution))
+
+    def _seen_by(self, solve: Solve) -> Seen:
+        def seen(frame: Frame, cam_T_obj: FloatArray) -> FloatArray | None:
+            solution = solve(frame, cam_T_obj)
+            return None if solution is None or not self._fits(solution) else solution.cam_T_obj
+
+        return seen
 
     def _doubts(self, frame: Frame, solution: Solution, quality: float) -> bool:
         """Whether a part that was lost or weak needs a second look: it is elsewhere, or what is seen fixes no pose."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -101,10 +102,70 @@ def _clutter_material(rng: np.random.Generator) -> surfaces.Material:
     return surfaces.metal(name, finish, float(np.round(rng.uniform(0.7, 1.4), 2)))
 
 
-def bench(rng: np.random.Generator, stock: Stock, count: int, free_mm: float, avoid: str, break_mm: float) -> Body:
-    """All clutter as one body in world coordinates, none of it within `free_mm` of the origin."""
+@dataclass(frozen=True, eq=False)
+class Lying:
+    """Something on the bench: vertices (n, 3) mm in the world, faces (m, 3), its material and world_R_item (3, 3)."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    material_index: int
+    world_R_item: np.ndarray
+
+    @property
+    def spot(self) -> tuple[np.ndarray, float]:
+        """Centre (2,) and radius of a circle about it on the bench, mm."""
+        low, high = self.vertices[:, :2].min(0), self.vertices[:, :2].max(0)
+        centre = (low + high) / 2
+        return centre, float(np.linalg.norm(self.vertices[:, :2] - centre, axis=1).max())
+
+
+def look_alikes(
+    rng: np.random.Generator, mesh: tuple[np.ndarray, np.ndarray], world_R_part: np.ndarray, count: int, alone: bool
+) -> list[Lying]:
+    """More parts like the tracked one, of the same material (index 0), side by side around the origin.
+
+    In every other scene they are sorted, all turned like the tracked one, else they lie as they fell. mesh: vertices
+    and faces of the part. world_R_part (3, 3): how that lies on the bench, at the origin, unless they are `alone`.
+    """
+    vertices, faces = mesh
+    there: list[np.ndarray] = [] if alone else [(vertices @ world_R_part.T)[:, :2]]
+    sorted_in_rows, placed = rng.random() < 0.5, []
+    for _ in range(count):
+        turned = world_R_part if sorted_in_rows else resting_rotation(rng, vertices, faces)
+        flat = vertices @ turned.T
+        angle, gap_mm = rng.uniform(0, 2 * np.pi), rng.uniform(3.0, 12.0)
+        way = np.array([np.cos(angle), np.sin(angle)])
+        far_mm = 0.0
+        while any(not _apart(flat[:, :2] + far_mm * way, other, gap_mm) for other in there):
+            far_mm += 3.0
+        there.append(flat[:, :2] + far_mm * way)
+        x, y = far_mm * way
+        placed.append(Lying(flat + on_table(turned, vertices, (x, y))[:3, 3], faces, 0, turned))
+    return placed
+
+
+def _apart(a: np.ndarray, b: np.ndarray, gap_mm: float) -> bool:
+    """Whether the convex hulls of points (n, 2) and (m, 2) leave a gap: a side of one has all of the other beyond."""
+    for one, other in ((a, b), (b, a)):
+        hull = ConvexHull(one)
+        if (other @ hull.equations[:, :2].T + hull.equations[:, 2]).min(axis=0).max() >= gap_mm:
+            return True
+    return False
+
+
+def bench(
+    rng: np.random.Generator,
+    stock: Stock,
+    count: int,
+    free_mm: float,
+    avoid: str,
+    break_mm: float,
+    lying: Sequence[Lying] = (),
+) -> Body:
+    """All clutter and what is `lying` there, one body in world coordinates; no clutter within free_mm of the origin."""
     taken: list[tuple[np.ndarray, float]] = [(np.zeros(2), free_mm)] if free_mm > 0 else []
-    meshes: list[tuple[np.ndarray, np.ndarray, int, np.ndarray]] = []
+    taken += [item.spot for item in lying]
+    meshes = [(item.vertices, item.faces, item.material_index, item.world_R_item) for item in lying]
     for k in range(count):
         if k % 3 == 1:
             vertices, faces = clutter.other_part(rng, rng.uniform(0.45, 0.95), avoid)
@@ -181,11 +242,13 @@ def handle(part: CadPart, cam_T_part: np.ndarray, spindle: bool, material_index:
     return Body("handle", vertices @ frame.T + base, faces, np.full(len(faces), material_index))
 
 
-def occluder(rng: np.random.Generator, stock: Stock, part: CadPart) -> Body:
-    """Another metal part on a rod, to be carried past in front of the tracked one; about its own origin."""
+def occluder(rng: np.random.Generator, stock: Stock, part: CadPart, like_it: Body | None = None) -> Body:
+    """Another metal part, or `like_it`, on a rod, to be carried past the tracked one; about its own origin."""
     vertices, faces = clutter.other_part(rng, rng.uniform(0.5, 0.62), part.name)
     vertices, faces = break_edges(vertices, faces, 0.25)
     index = stock.take(_clutter_material(rng))
+    if like_it is not None:
+        vertices, faces, index = like_it.vertices, like_it.faces, 0
     stick, stick_faces = mesh_arrays(rod(2.6, 260.0))
     direction = np.array([rng.uniform(-0.5, 0.5), 0.9, -0.35])
     stick = stick @ _frame_with_z(direction / np.linalg.norm(direction)).T

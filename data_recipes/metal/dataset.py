@@ -123,6 +123,7 @@ def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[st
         "material": scene.names[0],
         "table": scene.table.kind,
         "moving": "part" if scene.held else "camera",
+        "look_alikes": config.look_alikes,
         "shake_deg": config.shake_deg,
         "readout": config.readout,
         "light_moves": scene.lights is not None,

@@ -33,6 +33,7 @@ class SceneConfig:
     """What one sequence shows. rot_deg and trans_mm are means per frame; None takes the kind's own.
 
     shake_deg: by how much the hand that holds the camera turns it to and fro, root mean square; 0 for a stand.
+    look_alikes: how many more parts like the tracked one lie around; then what passes in front is such, too.
     readout: share of the time between two frames in which a rolling shutter reads a picture row by row; 0 for a shutter
     that is open for all rows at once.
     """
@@ -49,6 +50,7 @@ class SceneConfig:
     metal: str | None = None
     finish: Finish | None = None
     clutter: int | None = None
+    look_alikes: int = 0
     shake_deg: float = 0.0
     readout: float = 0.0
     rest: int | None = None  # which stable pose the part lies in, 0 = the steadiest

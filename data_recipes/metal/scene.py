@@ -134,12 +134,15 @@ def make_scene(part: CadPart, config: SceneConfig) -> Scene:
     stock = arrange.Stock([material, surfaces.metal("dark steel", "turned"), surfaces.metal("steel", "turned")])
     count = int(rng.integers(9, 14)) if config.clutter is None else config.clutter
     free = 0.0 if held else 0.62 * part.diameter
-    bench = arrange.bench(rng, stock, count, free, avoid=part.name, break_mm=0.3)
     body = Body(part.name, vertices, faces, np.zeros(len(faces), np.int64))
+    lying = arrange.look_alikes(
+        np.random.default_rng([config.seed, 11]), (vertices, faces), rest, config.look_alikes, alone=held
+    )
+    bench = arrange.bench(rng, stock, count, free, avoid=part.name, break_mm=0.3, lying=lying)
     handle = arrange.handle(part, truth.poses, config.kind == "rotation", material_index=1) if held else None
     occluder, path = None, None
     if config.kind == "occlusion":
-        occluder = arrange.occluder(rng, stock, part)
+        occluder = arrange.occluder(rng, stock, part, body if config.look_alikes else None)
         path = _passing(rng, truth, part, config)
     rng = np.random.default_rng([config.seed, 5])
     kind = config.table or TABLE_KINDS[int(rng.integers(len(TABLE_KINDS)))]
@@ -223,6 +226,8 @@ def _passing(rng: np.random.Generator, truth: PosePath, part: CadPart, config: S
     angle = rng.uniform(-0.5, 0.5) + (np.pi if rng.random() < 0.5 else 0.0)
     way = np.array([np.cos(angle), np.sin(angle)])
     aside = np.array([-way[1], way[0]]) * rng.choice([-1.0, 1.0]) * radius * rng.uniform(0.35, 0.55)
+    if config.look_alikes:  # as large as the part: it hides half of it from farther aside
+        aside *= 2.2
     s = np.linspace(-1, 1, max(frames, 2))[:frames]
     sway = smooth_numbers(rng, 4, 3, frames)
     turns = tumble_rotations(rng, 60.0, False)

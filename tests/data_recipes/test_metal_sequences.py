@@ -247,6 +247,38 @@ def test_the_path_tracer_has_no_rolling_shutter(tmp_path: Path, capsys: pytest.C
     assert not (tmp_path / "set").exists()
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("regular", 2), ("regular", 3), ("rotation", 2)])
+def test_parts_like_the_tracked_one_lie_around_it_and_touch_nothing(kind: Kind, seed: int) -> None:
+    config, part = SceneConfig(kind, 3, 96, 80, seed=seed, clutter=2), make_part("lever_arm")
+    alone, scene = make_scene(part, config), make_scene(part, replace(config, look_alikes=4))
+    np.testing.assert_array_equal(scene.truth.poses, alone.truth.poses)
+    np.testing.assert_array_equal(scene.anchor, alone.anchor)
+    size = len(part.vertices)
+    lying = scene.bench.vertices[: 4 * size].reshape(4, size, 3)
+    assert (scene.bench.material[: 4 * len(part.faces)] == scene.part.material[0]).all()
+    np.testing.assert_allclose(lying[:, :, 2].min(1), 0.0, atol=1e-9)
+    lengths = [np.linalg.norm(one - one[:1], axis=1) for one in (part.vertices, *lying)]
+    for other in lengths[1:]:
+        np.testing.assert_allclose(other, lengths[0], rtol=1e-3)  # resting rotations are rounded
+    there = list(lying) if scene.held else [transform(scene.anchor, part.vertices), *lying]
+    gaps_mm = [
+        min(np.linalg.norm(a[:, None, :2] - b[None, :, :2], axis=2).min() for b in there if b is not a) for a in there
+    ]
+    assert min(gaps_mm) > 2.9
+    assert max(gaps_mm) < part.diameter
+
+
+def test_what_passes_in_front_is_a_part_lying_where_such_lie_around() -> None:
+    config, part = SceneConfig("occlusion", 3, 96, 80, seed=2, clutter=1), make_part("lever_arm")
+    scene, usual = make_scene(part, replace(config, look_alikes=2)), make_scene(part, config)
+    assert scene.occluder is not None
+    assert usual.occluder is not None
+    np.testing.assert_array_equal(scene.occluder.vertices[: len(scene.part.vertices)], scene.part.vertices)
+    assert not np.array_equal(usual.occluder.vertices[:3], scene.part.vertices[:3])
+    picture = Renderer(scene).frame(1)
+    assert 0.3 < picture.part_seen.sum() / picture.part_alone.sum() < 0.9
+
+
 def outline_offsets_px(scene: Scene, frame: int, radius_px: float = 3.0) -> np.ndarray:
     """Where the picture has its strongest edge across the CAD's outline at the true pose, px, outward positive (n,)."""
     part = make_part(scene.part.name)

@@ -105,12 +105,40 @@ class Told:
 
     def __init__(self, *hypotheses: tuple[FloatArray, float]) -> None:
         self.found = tuple(Detection(pose, score, np.array([0.0, 0.0, 1.0])) for pose, score in hypotheses)
+        self.model = sample_model()
 
     def find(self, *_: object, **__: object) -> tuple[Detection, ...]:
         return self.found
 
     def is_same(self, cam_T_obj: FloatArray, others: tuple[FloatArray, ...]) -> bool:
         return any(np.allclose(cam_T_obj, other) for other in others)
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "aside", "contradicts"),
+    [
+        (0.015, 0.98, 0.6, False),  # both are likely where they are: two parts
+        (0.015, 0.98, 0.0, True),  # in one place only one of them is
+        (0.001, 0.5, 0.6, True),  # the pose in question is hardly likely
+    ],
+)
+def test_what_is_found_in_another_place_is_another_part(
+    model: PreparedPart, frame: Frame, truth: FloatArray, own: float, other: float, aside: float, contradicts: bool
+) -> None:
+    wrong = turned(truth, 60.0, 0)
+    wrong[0, 3] += aside * model.part.diameter
+    solver = FrameSolver(model, ACP)
+
+    def look(pose: FloatArray) -> SeenFrame | None:
+        return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
+
+    def held(solution: Solution) -> float:
+        return 1.0 if add_percent(model.part, solution.cam_T_obj, truth) < 2.0 else 0.0
+
+    finder = Told((truth, other), (wrong, own))
+    question = Question(frame, look, truth, wrong)
+    elsewhere = second_opinion(question, solver, finder, ACP.start, held, Stopwatch())  # type: ignore[arg-type]
+    assert (elsewhere is not None) is contradicts
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,50 @@ def test_what_was_found_is_proposed_where_its_picture_is_now() -> None:
             assert np.allclose(one[:3, :3], pose[:3, :3])
 
 
+def test_where_one_is_another_part_what_else_was_found_is_proposed_nearest_first() -> None:
+    way_back, finder = searching(slices=8, score=0.9, budget=PROPOSAL_WORK + 5_000.0)
+    places = {400.0: 0.35, -90.0: 0.25, 60.0: 0.2, -300.0: 0.1}
+
+    def several(*_: object) -> Steps[tuple[Detection, ...]]:
+        yield 8_000.0
+        poses = [np.eye(4) for _ in places]
+        for pose, x in zip(poses, places, strict=True):
+            pose[:3, 3] = x, 0.0, 400.0
+        ahead = np.array([0.0, 0.0, 1.0])
+        return tuple(Detection(pose, score, ahead) for pose, score in zip(poses, places.values(), strict=True))
+
+    finder.search = several  # type: ignore[method-assign, assignment]
+    last = np.eye(4)
+    last[2, 3] = 400.0
+    assert way_back.proposals(frame(0), last) == []
+    proposed = [way_back.proposals(frame(1), last)]
+    for index in range(2, 6):
+        way_back.pass_on(last)
+        proposed.append(way_back.proposals(frame(index), last))
+    assert [[pose[0, 3] for pose in poses] for poses in proposed[:4]] == [[400.0], [60.0], [-90.0], [-300.0]]
+    # Then the next search decides.
+    later = [pose[0, 3] for index in range(6, 12) for pose in way_back.proposals(frame(index), last)]
+    assert later[0] == 400.0
+
+
+def test_among_others_a_part_is_sought_nearby_in_the_next_picture() -> None:
+    """Farther away another one looks the same."""
+    part = bracket(shift=(0.0, 0.0, 0.0))
+    pose = looking_at(part, np.array([0.8, 0.6, 1.0]), 330.0, 0.3)
+    moved = pose.copy()
+    moved[0, 3] += 60.0
+    images = [draw([(part, at)], k, LARGE) for k, at in enumerate((pose, moved))]
+    for is_among_others in (False, True):
+        way_back, finder = searching(slices=8, score=0.9, budget=PROPOSAL_WORK + 5_000.0)
+        finder.pose = pose
+        way_back.proposals(Frame(0, images[0], LARGE), pose)
+        if is_among_others:
+            way_back._met_others = True
+        proposed = way_back.proposals(Frame(1, images[1], LARGE), pose)
+        assert any(np.linalg.norm(one[:3, 3] - moved[:3, 3]) < 5.0 for one in proposed) is not is_among_others
+        assert np.allclose(proposed[-1], pose)
+
+
 def test_poor_hypotheses_are_not_proposed() -> None:
     way_back, _ = searching(slices=3, score=WayBack().least_score_near - 0.01, budget=50_000.0)
     assert [way_back.proposals(frame(index), ANYWHERE) for index in range(5)] == [[]] * 5
