@@ -4,8 +4,8 @@ From a start pose that is far off, the search may end at a pose that looks like 
 it for as long as the part is tracked. The detector needs no pose: it searches the image around the start in its own
 way, and judges what it finds and the pose in question by its own evidence. Where it clearly prefers another one, the
 frame is solved from there, and that is taken where the tracker, too, holds it for the likelier one. A pose near the
-start has the start's word for it: it takes more to contradict that. And where the detector finds the part at the pose
-in question, too, what it finds in another place is another such part: the start says which one is meant.
+start has the start's word for it: it takes more to contradict that. And where the detector finds the part in the
+place in question, too, in whatever pose, what it finds elsewhere is another such part: the start says which is meant.
 (Not in the paper, whose sequences start from the truth.)
 """
 
@@ -84,14 +84,18 @@ def _contradiction(
     """The pose (4, 4) of the best hypothesis around the start, where it is another one and clearly likelier."""
     part, camera = finder.model.part, question.frame.camera
     around = PosePrior(question.start, config.within_deg, config.depth_ratio, config.around_px)
-    own, own_in_place, best = 0.0, 0.0, None
+    own, best = 0.0, None
     found = finder.find(question.frame, _HYPOTHESES, around, rival=question.found)
-    for one, in_place in zip(found, scores_in_place(part, camera, found), strict=True):
+    for one in found:
         if finder.is_same(one.cam_T_obj, (question.found,)):
-            own, own_in_place = max(own, one.score), max(own_in_place, in_place)
+            own = max(own, one.score)
         elif best is None:
             best = one
     if best is None or best.score < max(needed.score, needed.times * own):
         return None
-    is_other = own_in_place >= config.apart_below and are_apart(part, camera, best.cam_T_obj, question.found)
-    return None if is_other else best.cam_T_obj
+    if not are_apart(part, camera, best.cam_T_obj, question.found):
+        return best.cam_T_obj
+    here = [not are_apart(part, camera, one.cam_T_obj, question.found) for one in found]
+    in_place = scores_in_place(part, camera, found)
+    is_there = sum(score for score, is_here in zip(in_place, here, strict=True) if is_here)
+    return best.cam_T_obj if is_there < config.apart_below else None

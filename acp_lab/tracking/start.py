@@ -45,7 +45,7 @@ class SecondOpinion:
     Attributes:
         within_deg, depth_ratio, around_px: how far from the start pose it looks, see `PosePrior`.
         near, far: what contradicts a pose found as near the start as a search around it reaches; one found beyond.
-        apart_below: score of a pose in its place, from which on what is elsewhere contradicts nothing: another part.
+        apart_below: how likely the part is in the place in question for what is elsewhere to contradict nothing.
     """
 
     kind: ClassVar[str] = "detector"

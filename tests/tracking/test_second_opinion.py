@@ -117,7 +117,7 @@ class Told:
 @pytest.mark.parametrize(
     ("own", "other", "aside", "contradicts"),
     [
-        (0.015, 0.98, 0.6, False),  # both are likely where they are: two parts
+        (0.015, 0.98, 0.6, False),  # both are likely where they are, in whatever pose: two parts
         (0.015, 0.98, 0.0, True),  # in one place only one of them is
         (0.001, 0.5, 0.6, True),  # the pose in question is hardly likely
     ],
@@ -135,7 +135,9 @@ def test_what_is_found_in_another_place_is_another_part(
     def held(solution: Solution) -> float:
         return 1.0 if add_percent(model.part, solution.cam_T_obj, truth) < 2.0 else 0.0
 
-    finder = Told((truth, other), (wrong, own))
+    beside = wrong.copy()
+    beside[2, 3] += 8.0
+    finder = Told((truth, other), (wrong, own / 2), (beside, own / 2))
     question = Question(frame, look, truth, wrong)
     elsewhere = second_opinion(question, solver, finder, ACP.start, held, Stopwatch())  # type: ignore[arg-type]
     assert (elsewhere is not None) is contradicts
