@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from acp_lab.cad.part import Part
+from acp_lab.cad.part import Part, box_corners
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Candidate, Detector, Look, judging
@@ -44,7 +44,8 @@ _LARGE_PX = 250.0
 _SAME_SHARE = 0.1
 """Of the diameter: poses whose points are no further apart are one hypothesis."""
 _APART_SHARE = 0.25
-"""Of the diameter: centres that are farther from each other, across the line of sight, are of two parts."""
+_APART_WIDTH = 0.5
+"""Of the diameter, and of the width: centres farther from each other, across the line of sight, are of two parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,13 +256,22 @@ class Finder:
 
 
 def are_apart(part: Part, camera: Camera, cam_T_obj: FloatArray, other: FloatArray) -> bool:
-    """Whether two poses (4, 4) are of two parts: in an image their centres are too far from each other for one."""
+    """Whether two poses (4, 4) are of two parts: in an image their centres are too far from each other for one.
+
+    That is a quarter of the diameter, or half of how wide the part appears in that direction where that is less.
+    """
     centres = np.array([transform(pose, part.box_centre) for pose in (cam_T_obj, other)])
-    if centres[:, 2].min() <= 0.0:
+    corners = transform(other, box_corners(part))
+    if min(centres[:, 2].min(), corners[:, 2].min()) <= 0.0:
         return False
     here, there = camera.project(centres)
-    mm_per_px = centres[:, 2].min() / camera.fx
-    return bool(np.linalg.norm(here - there) * mm_per_px > _APART_SHARE * part.diameter)
+    shift = here - there
+    apart_px = float(np.linalg.norm(shift))
+    if apart_px == 0.0:
+        return False
+    width_px = float(np.ptp(camera.project(corners) @ (shift / apart_px)))
+    quarter_px = _APART_SHARE * part.diameter * camera.fx / centres[:, 2].min()
+    return bool(apart_px > min(quarter_px, _APART_WIDTH * width_px))
 
 
 def scores_in_place(part: Part, camera: Camera, hypotheses: Sequence[Detection]) -> list[float]:
@@ -270,6 +280,13 @@ def scores_in_place(part: Part, camera: Camera, hypotheses: Sequence[Detection])
     poses = [one.cam_T_obj for one in hypotheses]
     rivals = [[not are_apart(part, camera, one, other) for other in poses] for one in poses]
     return [float(own / (1.0 + odds[here].sum())) for own, here in zip(odds, rivals, strict=True)]
+
+
+def place_score(part: Part, camera: Camera, cam_T_obj: FloatArray, hypotheses: Sequence[Detection]) -> float:
+    """In [0, 1]: how likely the part, or one like it, is in the place of a pose (4, 4); by all that a search found."""
+    scores = scores_in_place(part, camera, hypotheses)
+    here = (not are_apart(part, camera, one.cam_T_obj, cam_T_obj) for one in hypotheses)
+    return sum(score for score, is_here in zip(scores, here, strict=True) if is_here)
 
 
 class LateFinder:

@@ -11,6 +11,7 @@ camera that went on, and not the part. (Not in the paper, whose part is alone an
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,18 +21,31 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Finder, are_apart, scores_in_place
+from acp_lab.tracking.magnification import appears_px
 from acp_lab.tracking.way_back import SURE_FRAMES, SURE_QUALITY, Reach
 
 AROUND = Reach(40.0, 1.3, 100.0)
 """A camera in a hand goes on while the part is hidden: as far from a place it is looked for what was there before."""
-_HYPOTHESES, _LEAST_SCORE = 8, 0.2
-SOLVE_WORK = 5_000.0
+SOLVE_WORK = 8_000.0
 """Of a frame that is solved from a pose, see `detection.work`."""
+_HYPOTHESES, _LEAST_SCORE = 8, 0.2
+_MOST_FRAMES = 10
+"""That a question may take: what moves too fast for it is the part."""
+_KNOWN_FRAMES = 30
+"""For so many frames nobody asks again of another part: what it was told by may have been covered then."""
 _PIXELS_PER_FRAME = 100_000
 """A frame is kept after so many of its pixels per frame: copies of large images take longer."""
 
 Seen = Callable[[Frame, FloatArray], FloatArray | None]
 """The pose (4, 4) at which a frame shows such a part if it is solved from another one; None where nothing fits."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Other:
+    """Another part: where it was last taken for the tracked one, (4, 4), and when that was asked."""
+
+    cam_T_obj: FloatArray
+    asked_at: int
 
 
 class LookAlikes:
@@ -44,81 +58,102 @@ class LookAlikes:
     def forget(self) -> None:
         """Before a new track."""
         self._kept: tuple[Frame, FloatArray] | None = None
-        self._good_frames = self._age = 0
-        # Poses (4, 4) of other parts, where each was last taken for the tracked one; the one in question; and one that
-        # turned out to be the tracked one.
-        self._others: list[FloatArray] = []
-        self._asked: tuple[Errand[bool], FloatArray] | None = None
-        self._cleared: FloatArray | None = None
+        # Counted in frames: now, and when the part was last surely there, a frame was kept, and somebody asked.
+        self._time = self._there_at = self._kept_at = 0
+        self._asked_at = self._began_at = -1
+        self._good_frames = 0
+        self._others: tuple[_Other, ...] = ()
+        self._question: Errand[bool] | None = None
+        self._is_cleared = False
+
+    def next_frame(self) -> None:
+        """Time goes by."""
+        self._time += 1
 
     def take_in(self, frame: Frame, cam_T_obj: FloatArray, quality: float) -> None:
         """A frame in which the part is surely at a pose (4, 4), of some quality."""
         self._good_frames = self._good_frames + 1 if quality >= SURE_QUALITY else 0
-        self._asked = self._cleared = None
-        if self._good_frames >= SURE_FRAMES and self._age >= frame.image[..., 0].size // _PIXELS_PER_FRAME:
-            self._kept, self._age, self._others = (frame.to_keep(), cam_T_obj), 0, []
+        self._there_at, self._others = self._time, ()
+        since = self._time - self._kept_at
+        if self._good_frames >= SURE_FRAMES and since >= frame.image[..., 0].size // _PIXELS_PER_FRAME:
+            self._kept, self._kept_at = (frame.to_keep(), cam_T_obj), self._time
 
-    def next_frame(self) -> None:
-        """Time goes by."""
-        self._age += 1
+    def doubt(self) -> None:
+        """A frame in which the part is not surely where it is followed, or not seen."""
+        self._good_frames = 0
 
     def ask(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen, budget: float) -> bool | None:
         """Whether what a frame shows at a pose (4, 4) is another part; None where that takes more frames to tell.
 
-        budget: of work in this frame, see `detection.work`. The next frame may ask of the same part where it is then.
+        budget: of work in this frame, see `detection.work`. Whoever asks in the next frame, too, asks of the same part.
         """
-        if self._cleared is not None and self._are_one(frame, self._cleared, cam_T_obj):
-            self._cleared = cam_T_obj
+        if self._asked_at != self._time - 1:
+            self._question, self._is_cleared = None, False
+        self._asked_at = self._time
+        if self._is_cleared or not self._may_be(frame, cam_T_obj):
             return False
-        if self._asked is None or not self._are_one(frame, self._asked[1], cam_T_obj):
-            self._asked = Errand(self._asking(frame.to_keep(), cam_T_obj, seen)), cam_T_obj
-        errand, _ = self._asked
-        errand.go_on(budget)
-        if not errand.is_done:
-            self._asked = errand, cam_T_obj
+        if self._is_known(frame, cam_T_obj):
+            return True
+        question = self._question
+        if question is None:
+            question, self._began_at = Errand(self._asking(frame.to_keep(), cam_T_obj, seen)), self._time
+        self._question = None
+        question.go_on(budget)
+        if not question.is_done and self._time - self._began_at < _MOST_FRAMES:
+            self._question = question
             return None
-        self._asked, is_other = None, bool(errand.result)
-        if is_other:
-            self._others = [one for one in self._others if not self._are_one(frame, one, cam_T_obj)] + [cam_T_obj]
-        else:
-            self._cleared = cam_T_obj
-        return is_other
+        if question.result:
+            self._others = (*self._others, _Other(cam_T_obj, self._time))
+        self._is_cleared = not question.result
+        return bool(question.result)
 
-    def is_one(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> bool:
-        """As `ask`, now."""
-        return finish(self._asking(frame, cam_T_obj, seen))
+    def stood_there(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> bool:
+        """Whether what a frame shows at a pose (4, 4) was just there before, apart from the part; without a search."""
+        return self._may_be(frame, cam_T_obj) and finish(self._trying(frame, cam_T_obj, cam_T_obj, seen))
+
+    def _may_be(self, frame: Frame, cam_T_obj: FloatArray) -> bool:
+        """Whether something is known of what was there before at a pose (4, 4)."""
+        if self._kept is None or self._time - self._there_at > self._remembered_frames:
+            return False
+        before, part_then = self._kept
+        return frame.camera == before.camera and not self._are_one(frame, part_then, cam_T_obj)
+
+    def _is_known(self, frame: Frame, cam_T_obj: FloatArray) -> bool:
+        """Whether another part was there a moment ago; it is followed."""
+        self._others = tuple(one for one in self._others if self._time - one.asked_at <= _KNOWN_FRAMES)
+        known = [one for one in self._others if self._are_one(frame, one.cam_T_obj, cam_T_obj)]
+        if known:
+            rest = (one for one in self._others if one not in known)
+            self._others = (*rest, replace(known[0], cam_T_obj=cam_T_obj))
+        return bool(known)
 
     def _asking(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> Steps[bool]:
-        kept = self._kept
-        if kept is None or self._age > self._remembered_frames or frame.camera != kept[0].camera:
+        if (yield from self._trying(frame, cam_T_obj, cam_T_obj, seen)):
+            return True
+        if self._kept is None:
             return False
-        before, part_then = kept
-        if self._are_one(frame, part_then, cam_T_obj):
-            return False
-
-        def is_gone(there: FloatArray) -> bool:
-            now = seen(frame, there)
-            return now is None or self._are_one(frame, now, cam_T_obj)
-
-        for other in self._others:
-            if self._are_one(frame, other, cam_T_obj):
-                yield SOLVE_WORK
-                if is_gone(other):
-                    return True
-        found = yield from self._finder().search(before, _HYPOTHESES, AROUND.of(cam_T_obj), 0)
-        likely = zip(found, scores_in_place(self._part, before.camera, found), strict=True)
-        poses = [cam_T_obj, *(one.cam_T_obj for one, score in likely if score >= _LEAST_SCORE)]
-        for pose in poses:
-            yield SOLVE_WORK
-            then = seen(before, pose)
-            if then is None or self._are_one(before, then, part_then):
-                continue
-            if self._apart_px(before, then, cam_T_obj) > self._apart_px(before, part_then, cam_T_obj):
-                continue
-            yield SOLVE_WORK
-            if is_gone(then):
+        before, _ = self._kept
+        around = AROUND.of(cam_T_obj, appears_px(self._part, frame.camera, cam_T_obj))
+        found = yield from self._finder().search(before, _HYPOTHESES, around, 0)
+        for one, score in zip(found, scores_in_place(self._part, before.camera, found), strict=True):
+            if score >= _LEAST_SCORE and (yield from self._trying(frame, cam_T_obj, one.cam_T_obj, seen)):
                 return True
         return False
+
+    def _trying(self, frame: Frame, cam_T_obj: FloatArray, there: FloatArray, seen: Seen) -> Steps[bool]:
+        """Whether what the kept frame shows at a pose `there` (4, 4) is what this one shows at another pose (4, 4)."""
+        if self._kept is None:
+            return False
+        before, part_then = self._kept
+        yield SOLVE_WORK
+        then = seen(before, there)
+        if then is None or self._are_one(before, then, part_then):
+            return False
+        if self._apart_px(before, then, cam_T_obj) > self._apart_px(before, part_then, cam_T_obj):
+            return False  # the part is the nearer one to have come here
+        yield SOLVE_WORK
+        now = seen(frame, then)
+        return now is None or self._are_one(frame, now, cam_T_obj)
 
     def _are_one(self, frame: Frame, cam_T_obj: FloatArray, other: FloatArray) -> bool:
         return not are_apart(self._part, frame.camera, cam_T_obj, other)

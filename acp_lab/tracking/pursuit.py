@@ -84,6 +84,12 @@ class Pursuit:
         self.predictor.restart(cam_T_obj)
         self.carried = None
 
+    def turn_back(self, cam_T_obj: FloatArray) -> None:
+        """What was followed is another part: the part is expected at a pose (4, 4), and that picture is forgotten."""
+        self.restart(cam_T_obj)
+        if self.picture_memory is not None:
+            self.picture_memory.forget()
+
     def go_on_from(self, solution: Solution, quality: float) -> None:
         """Take in a frame's solution: the next one is predicted from it, and its control points go on."""
         self.predictor.observe(solution.cam_T_obj, quality, solution.pose_information)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.find import Finder, are_apart, scores_in_place
+from acp_lab.tracking.find import Finder, are_apart, place_score, scores_in_place
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.search import Look, PoseSolver
 from acp_lab.tracking.solution import Solution
@@ -84,18 +84,17 @@ def _contradiction(
     """The pose (4, 4) of the best hypothesis around the start, where it is another one and clearly likelier."""
     part, camera = finder.model.part, question.frame.camera
     around = PosePrior(question.start, config.within_deg, config.depth_ratio, config.around_px)
-    own, best = 0.0, None
     found = finder.find(question.frame, _HYPOTHESES, around, rival=question.found)
-    for one in found:
+    scores = [one.score for one in found]
+    if place_score(part, camera, question.found, found) >= config.apart_below:
+        # It is in that place, and may be in another pose there.
+        here = [not are_apart(part, camera, one.cam_T_obj, question.found) for one in found]
+        in_place = scores_in_place(part, camera, found)
+        scores = [score if is_here else 0.0 for score, is_here in zip(in_place, here, strict=True)]
+    own, best, likely = 0.0, None, 0.0
+    for one, score in zip(found, scores, strict=True):
         if finder.is_same(one.cam_T_obj, (question.found,)):
-            own = max(own, one.score)
-        elif best is None:
-            best = one
-    if best is None or best.score < max(needed.score, needed.times * own):
-        return None
-    if not are_apart(part, camera, best.cam_T_obj, question.found):
-        return best.cam_T_obj
-    here = [not are_apart(part, camera, one.cam_T_obj, question.found) for one in found]
-    in_place = scores_in_place(part, camera, found)
-    is_there = sum(score for score, is_here in zip(in_place, here, strict=True) if is_here)
-    return best.cam_T_obj if is_there < config.apart_below else None
+            own = max(own, score)
+        elif best is None or score > likely:
+            best, likely = one, score
+    return None if best is None or likely < max(needed.score, needed.times * own) else best.cam_T_obj

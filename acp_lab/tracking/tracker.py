@@ -230,9 +230,11 @@ class Tracker:
                 solution = pursuit.recover(frame, predicted, solution, clock, whereabouts.states)
             other = self._elsewhere(frame, solution, clock)
             solution = other or solution
-        if whereabouts.is_looked_for and whereabouts.is_another(frame, solution, partial(pursuit.solve, clock), clock):
-            pursuit.restart(whereabouts.last_seen)
-            solution = None
+        if whereabouts.is_looked_for:
+            solve = partial(pursuit.solve, clock)
+            if whereabouts.is_another(frame, solution, bool(proposals), solve, clock):
+                pursuit.turn_back(whereabouts.last_seen)
+                solution = None
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             pursuit.restart(self.last)

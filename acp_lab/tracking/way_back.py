@@ -16,7 +16,7 @@ some frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -29,7 +29,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.find import Detection, Finder, scores_in_place
+from acp_lab.tracking.find import Detection, Finder, are_apart, place_score, scores_in_place
 from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, appears_px
 from acp_lab.tracking.picture import PictureSearch, take_picture
 from acp_lab.tracking.recovery import WayBack
@@ -135,9 +135,9 @@ class Reacquisition:
         """The part is not lost: the next search begins anew."""
         self._near: Search | None = None
         self._wide: Search | None = None
-        # Hypotheses with the frames that they are of: those that are proposed next, and what else there is.
+        # Hypotheses with the frames that they are of: those that are proposed next, and those of which some were last.
         self._found: tuple[tuple[Frame, Detection], ...] = ()
-        self._others: tuple[tuple[Frame, Detection], ...] = ()
+        self._rest: tuple[tuple[Frame, Detection], ...] = ()
         self._met_others = False
         self._around: FloatArray | None = None
         self._wide_frames = self._wide_searches = 0
@@ -164,12 +164,17 @@ class Reacquisition:
         """Search next near a pose (4, 4), where the part may have been a moment ago."""
         self._around, self._near, self._found = cam_T_obj, None, ()
 
-    def pass_on(self, last_seen: FloatArray) -> None:
-        """What was proposed last is another part like it: propose what else was found, nearest to (4, 4) first."""
-        self._met_others, centre_obj = True, self._model.part.box_centre
-        last = transform(last_seen, centre_obj)
-        others = sorted(self._others, key=lambda one: np.linalg.norm(transform(one[1].cam_T_obj, centre_obj) - last))
-        self._around, self._near, self._found, self._others = None, None, tuple(others), ()
+    def pass_on(self, frame: Frame, cam_T_obj: FloatArray, last_seen: FloatArray) -> None:
+        """What was proposed turned out to be another part, at a pose (4, 4) in a frame: propose what else was found.
+
+        Nearest first to where the part was last seen, (4, 4).
+        """
+        part = self._model.part
+        last = transform(last_seen, part.box_centre)
+        others = [one for one in self._rest if are_apart(part, frame.camera, one[1].cam_T_obj, cam_T_obj)]
+        others.sort(key=lambda one: np.linalg.norm(transform(one[1].cam_T_obj, part.box_centre) - last))
+        self._around, self._near, self._found, self._rest = None, None, tuple(others), ()
+        self._met_others = True
 
     def proposals(self, frame: Frame, last_seen: FloatArray) -> list[FloatArray]:
         """Go on searching in a frame; poses (4, 4) to solve it from, the best first, mostly none.
@@ -177,8 +182,8 @@ class Reacquisition:
         last_seen: (4, 4), where the part was.
         """
         part, most = self._model.part, self._config.proposals
-        proposed, self._others = self._found[:most], self._found[most:]
-        picture = PICTURE_AMONG_OTHERS if self._met_others or self._others else PICTURE
+        proposed, self._rest = self._found[:most], self._found
+        picture = PICTURE_AMONG_OTHERS if self._met_others or self._is_among_others(frame) else PICTURE
         found = [pose for searched, one in proposed for pose in moved_on(part, one.cam_T_obj, searched, frame, picture)]
         self._found, self._second, self._looks = (), None, 0
         if found:
@@ -213,7 +218,7 @@ class Reacquisition:
             looks, sure_frames = self._looks, self._sure_frames
             self.forget()
             self._looks, self._sure_frames, prior = looks, sure_frames, SECOND_LOOKS[looks].of(last_seen)
-            self._second = Search(self._finder(), frame, 1, prior, rival=cam_T_obj)
+            self._second = Search(self._finder(), frame, _HYPOTHESES, prior, rival=cam_T_obj)
         search = self._second
         search.go_on(self._config.budget)
         if not search.is_done:
@@ -222,7 +227,7 @@ class Reacquisition:
         self._looks += 1
         rival, verdict = search.rival, Verdict.OPEN
         if best is not None and rival is not None and not self._finder().is_same(best.cam_T_obj, (rival,)):
-            if best.score >= _SURE_RIVAL:
+            if best.score >= _SURE_RIVAL and not self._are_two(frame, rival, search.result or ()):
                 self._best, self._found = best, ((search.frame, best),)
                 verdict = Verdict.WRONG
         elif best is not None and best.score >= self._config.least_score:
@@ -232,6 +237,18 @@ class Reacquisition:
         if verdict is not Verdict.OPEN:
             self._looks = 0  # the next doubt is another one
         return verdict
+
+    def _are_two(self, frame: Frame, cam_T_obj: FloatArray, hypotheses: Sequence[Detection]) -> bool:
+        """Whether the best of what a search found is one part, and what is in the place of a pose (4, 4) another."""
+        part, camera = self._model.part, frame.camera
+        if not are_apart(part, camera, hypotheses[0].cam_T_obj, cam_T_obj):
+            return False
+        return place_score(part, camera, cam_T_obj, hypotheses) >= _SURE_RIVAL
+
+    def _is_among_others(self, frame: Frame) -> bool:
+        """Whether what was found last is in several places."""
+        poses = [one.cam_T_obj for _, one in self._rest]
+        return any(are_apart(self._model.part, frame.camera, poses[0], other) for other in poses[1:])
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""

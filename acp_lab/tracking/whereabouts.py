@@ -117,8 +117,13 @@ class Whereabouts:
         if solution is not None and self._way_back is not None and self._fits(solution):
             self._way_back.look_around(solution.cam_T_obj)
 
-    def is_another(self, frame: Frame, solution: Solution | None, solve: Solve, clock: Stopwatch) -> bool:
-        """Whether a frame of a lost part was solved for another part like it; solve: from a pose, any frame."""
+    def is_another(
+        self, frame: Frame, solution: Solution | None, proposed: bool, solve: Solve, clock: Stopwatch
+    ) -> bool:
+        """Whether a frame of a lost part was solved for another part like it; proposed: from what the detector saw.
+
+        solve: any frame, from a pose.
+        """
         self._is_open = False
         if solution is None or self._look_alikes is None or self._way_back is None or not self._fits(solution):
             return False
@@ -126,8 +131,8 @@ class Whereabouts:
         budget = _BUDGET_TIMES * self._way_back.budget
         answer = self._look_alikes.ask(frame, solution.cam_T_obj, self._seen_by(solve), budget)
         clock.search_s += clock.lap()
-        if answer:
-            self._way_back.pass_on(self.last_seen)
+        if answer and proposed:
+            self._way_back.pass_on(frame, solution.cam_T_obj, self.last_seen)
         self._is_open = answer is None
         return answer is True
 
@@ -152,7 +157,7 @@ class Whereabouts:
         if thoughts is None or not thoughts.prefer(proposed, self._assessment.right(proposed), followed):
             return False
         alike = self._look_alikes
-        return alike is None or not alike.is_one(frame, proposed.cam_T_obj, self._seen_by(solve))
+        return alike is None or not alike.stood_there(frame, proposed.cam_T_obj, self._seen_by(solve))
 
     def take_in(self, frame: Frame, solution: Solution, quality: float, clock: Stopwatch) -> str:
         """A frame's solution and its quality; the reason where the state changed, else empty."""
@@ -169,8 +174,11 @@ class Whereabouts:
         if self._second_thoughts is not None:
             self.may_teach &= not self._second_thoughts.on_probation
             self._second_thoughts.take_in(quality, self.is_lost)
-        if self._look_alikes is not None and self.may_teach:
-            self._look_alikes.take_in(frame, solution.cam_T_obj, quality)
+        if self._look_alikes is not None:
+            if self.may_teach:
+                self._look_alikes.take_in(frame, solution.cam_T_obj, quality)
+            else:
+                self._look_alikes.doubt()
         return note
 
     def miss(self) -> str:
@@ -178,6 +186,8 @@ class Whereabouts:
         self.fits = self.may_teach = False
         if self._second_thoughts is not None:
             self._second_thoughts.pause()
+        if self._look_alikes is not None:
+            self._look_alikes.doubt()
         return self.states.update(0.0)
 
     def _is_found(self, quality: float) -> bool:

@@ -14,14 +14,14 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.find import Detection, are_apart, scores_in_place
+from acp_lab.tracking.find import Detection, are_apart, place_score, scores_in_place
 from acp_lab.tracking.look_alikes import SOLVE_WORK, LookAlikes, Seen
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import WayBack
-from acp_lab.tracking.result import TrackState
+from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.tracker import Tracker
 from acp_lab.tracking.way_back import SURE_FRAMES, SURE_QUALITY
-from tests.made_parts import bracket, looking_at
+from tests.made_parts import box, bracket, looking_at
 from tests.tracking.rendered import add_percent, draw, prepared
 
 LARGE = Camera(width=320, height=256, fx=420.0, fy=425.0, cx=159.5, cy=127.5)
@@ -99,68 +99,113 @@ def test_what_was_there_before_is_another_part(
     found: tuple[FloatArray, ...],
     expected: bool,
 ) -> None:
-    alike, seen = watching(Found(*found)), showing(before=before, now=now)
-    assert alike.is_one(frame(100), back_at, seen) is expected
+    finder = Found(*found)
+    alike, seen = watching(finder), showing(before=before, now=now)
+    assert alike.stood_there(frame(100), back_at, seen) is (expected and not found)
+    assert finder.searches == 0
     assert alike.ask(frame(100), back_at, seen, ENOUGH) is expected
 
 
 def test_who_asks_waits_until_the_search_has_ended() -> None:
-    finder = Found(beside(1.4), slices=10)
-    alike, seen = watching(finder), showing(before=(HERE, beside(1.4)), now=(FARTHER,))
-    answers: list[bool | None] = []
-    while not answers or answers[-1] is None:
-        answers.append(alike.ask(frame(100 + len(answers)), beside(2.0 + 0.02 * len(answers)), seen, 4_000.0))
-    assert answers[-1] is True
-    assert 10 * 1000.0 / 4_000.0 < len(answers) <= 1 + (10 * 1000.0 + 3 * SOLVE_WORK) / 4_000.0
-    assert finder.searches == 1
+    """However fast it moves meanwhile."""
+    for step in (0.0, 0.3):
+        finder = Found(beside(1.4), slices=10)
+        alike, seen = watching(finder), showing(before=(HERE, beside(1.4)), now=(FARTHER,))
+        answers: list[bool | None] = []
+        while not answers or answers[-1] is None:
+            answers.append(alike.ask(frame(100), beside(2.0 + step * len(answers)), seen, 4_000.0))
+            alike.next_frame()
+        assert answers[-1] is True
+        assert 10 * 1000.0 / 4_000.0 < len(answers) <= 1 + (10 * 1000.0 + 3 * SOLVE_WORK) / 4_000.0
+        assert finder.searches == 1
 
 
-def test_another_part_is_known_again_without_a_search() -> None:
+def test_a_question_has_an_end() -> None:
+    alike, seen = watching(Found(beside(1.4), slices=10_000)), showing(before=(HERE, beside(1.4)), now=(FARTHER,))
+    answers = []
+    for _ in range(12):
+        answers.append(alike.ask(frame(100), FARTHER, seen, 4_000.0))
+        alike.next_frame()
+    assert answers == [None] * 10 + [False] * 2
+
+
+def test_another_part_is_known_again_for_a_while_without_a_search() -> None:
     finder = Found(beside(1.4))
     alike, seen = watching(finder), showing(before=(HERE, beside(1.4)), now=(FARTHER,))
     assert alike.ask(frame(100), FARTHER, seen, ENOUGH) is True
-    gone_on = showing(before=(HERE, beside(1.4)), now=(beside(2.2),))
-    assert alike.ask(frame(105), beside(2.2), gone_on, ENOUGH) is True
-    assert finder.searches == 1
+    for k in range(1, 40):
+        alike.next_frame()
+        assert alike.ask(frame(100 + k), beside(2.0 + 0.01 * k), seen, ENOUGH) is True
+        assert finder.searches == (1 if k <= 30 else 2)
 
 
-def test_a_part_that_was_cleared_is_not_asked_about_again() -> None:
+def test_a_wrong_answer_is_mended_when_more_is_seen() -> None:
+    """The part is back beside another one that is covered, so it seems to be that."""
+    alike = watching(Found())
+    assert alike.ask(frame(100), FAR, showing(before=(HERE, beside(1.3)), now=(FAR,)), ENOUGH) is True
+    both = showing(before=(HERE, beside(1.3)), now=(FAR, beside(1.4)))
+    answers = []
+    for k in range(40):
+        alike.next_frame()
+        answers.append(alike.ask(frame(101 + k), FAR, both, ENOUGH))
+    assert answers == [True] * 30 + [False] * 10
+
+
+def test_what_was_cleared_is_asked_about_once_as_long_as_it_is_followed() -> None:
     finder = Found()
     alike, seen = watching(finder), showing(before=(HERE,), now=(FAR,))
     for k in range(10):  # as it moves on
         assert alike.ask(frame(100 + k), beside(1.0 + 0.1 * k), seen, ENOUGH) is False
+        alike.next_frame()
     assert finder.searches == 1
-    alike.ask(frame(120), beside(4.0), seen, ENOUGH)
+    alike.next_frame()  # in which nobody asked
+    alike.ask(frame(120), beside(1.9), seen, ENOUGH)
     assert finder.searches == 2
+
+
+def test_an_open_question_is_dropped_when_nothing_fits() -> None:
+    finder = Found(slices=10)
+    alike, seen = watching(finder), showing(before=(HERE,), now=(FAR,))
+    assert alike.ask(frame(100), FAR, seen, 4_000.0) is None
+    for _ in range(50):
+        alike.next_frame()
+    there = showing(before=(HERE, FAR), now=(FAR,))
+    assert alike.ask(frame(150), FAR, there, ENOUGH) is True
 
 
 @pytest.mark.parametrize("remembered_frames", [1, 40])
 def test_after_a_while_nobody_knows_what_was_there(remembered_frames: int) -> None:
     alike, seen = watching(Found(), remembered_frames), showing(before=(HERE, FAR), now=(FAR,))
     for k in range(50):
-        assert alike.is_one(frame(100 + k), FAR, seen) is (1 + k <= remembered_frames)
+        assert alike.stood_there(frame(100 + k), FAR, seen) is (1 + k <= remembered_frames)
         alike.next_frame()
 
 
 def test_only_a_part_that_is_surely_there_tells_what_else_is() -> None:
-    seen = showing(before=(HERE, FAR), now=(FAR,))
+    seen, good, poor = showing(before=(HERE, FAR), now=(FAR,)), SURE_QUALITY, SURE_QUALITY - 0.01
     for qualities, knows in (
-        ([SURE_QUALITY] * (SURE_FRAMES - 1), False),
-        ([SURE_QUALITY] * (SURE_FRAMES - 1) + [SURE_QUALITY - 0.01] + [SURE_QUALITY] * (SURE_FRAMES - 1), False),
-        ([SURE_QUALITY] * SURE_FRAMES, True),
+        ([good] * (SURE_FRAMES - 1), False),
+        ([good] * (SURE_FRAMES - 1) + [poor] + [good] * (SURE_FRAMES - 1), False),
+        ([good] * (SURE_FRAMES - 1) + [None] + [good], False),  # in between it was lost
+        ([good] * SURE_FRAMES, True),
     ):
         alike = LookAlikes(PART, 300, Found)  # type: ignore[arg-type, return-value]
         for index, quality in enumerate(qualities):
             alike.next_frame()
-            alike.take_in(frame(index), HERE, quality)
-        assert alike.is_one(frame(100), FAR, seen) is knows
+            if quality is None:
+                alike.doubt()
+            else:
+                alike.take_in(frame(index), HERE, quality)
+        assert alike.stood_there(frame(100), FAR, seen) is knows
         alike.forget()
-        assert alike.is_one(frame(100), FAR, seen) is False
+        assert alike.stood_there(frame(100), FAR, seen) is False
 
 
 def test_frames_of_another_camera_are_not_compared() -> None:
     alike, seen = watching(Found()), showing(before=(HERE, FAR), now=(FAR,))
-    assert alike.is_one(frame(100, replace(LARGE, fx=421.0)), FAR, seen) is False
+    assert alike.ask(frame(100, replace(LARGE, fx=421.0)), FAR, seen, ENOUGH) is False
+    alike.next_frame()
+    assert alike.ask(frame(101), FAR, seen, ENOUGH) is True
 
 
 def test_large_frames_are_kept_less_often_and_as_copies() -> None:
@@ -190,6 +235,28 @@ def test_two_parts_are_apart_across_the_line_of_sight_only() -> None:
     behind = HERE.copy()
     behind[2, 3] *= -1.0
     assert not are_apart(PART, LARGE, behind, FARTHER)
+    assert not are_apart(PART, LARGE, HERE, HERE)
+
+
+def test_slim_parts_may_be_nearer_to_each_other_across_than_along() -> None:
+    rod = box((100.0, 12.0, 12.0))
+    pose = np.eye(4)
+    pose[2, 3] = 400.0
+    for direction, width, factor in ((0, 100.0, 0.25 * rod.diameter / 100.0), (1, 12.0, 0.5)):
+        for share, expected in ((0.8, False), (1.3, True)):
+            other = pose.copy()
+            other[direction, 3] = share * factor * width
+            assert are_apart(rod, LARGE, other, pose) is expected
+
+
+def test_the_part_is_in_a_place_in_whatever_pose() -> None:
+    def told(*scores: tuple[FloatArray, float]) -> list[Detection]:
+        return [Detection(pose, score, np.zeros(3)) for pose, score in scores]
+
+    found = told((FAR, 0.6), (HERE, 0.2), (beside(0.05), 0.1))
+    assert place_score(PART, LARGE, HERE, found) == pytest.approx(3.0 / 4.0)
+    assert place_score(PART, LARGE, FAR, found) == pytest.approx(6.0 / 7.0)
+    assert place_score(PART, LARGE, FARTHER, found) == 0.0
 
 
 def test_parts_in_different_places_do_not_compete() -> None:
@@ -260,6 +327,49 @@ def test_a_part_that_moved_while_it_was_hidden_is_found_beside_another_one(model
     assert not any(
         one.state is TrackState.TRACKING and add_percent(PART, one.cam_T_obj, RIGHT) < 10.0 for one in results
     )
+
+
+def hidden_and_back(
+    model: PreparedPart, first: FloatArray, hidden: list[FloatArray], back: list[list[FloatArray]]
+) -> list[TrackResult]:
+    """Tracked for twelve frames, hidden for sixteen, and back: all poses in each frame then. hidden: of the others."""
+    scenes = [[first, *hidden]] * 12 + [hidden] * 16 + back
+    images = [draw([(PART, pose) for pose in scene], k, LARGE) for k, scene in enumerate(scenes)]
+    tracker = Tracker(model)
+    results = [tracker.start(Frame(0, images[0], LARGE), first)]
+    return results + [tracker.track(Frame(k, image, LARGE)) for k, image in enumerate(images[1:], 1)]
+
+
+def back_after(results: list[TrackResult], truth: list[FloatArray]) -> int | None:
+    """Frames until it is tracked, where it is, to the end."""
+    right = [
+        one.state is TrackState.TRACKING and add_percent(PART, one.cam_T_obj, pose) < 8.0
+        for one, pose in zip(results[28:], truth, strict=True)
+    ]
+    return next((k for k in range(len(right)) if all(right[k:])), None)
+
+
+def test_a_fast_part_is_not_asked_about_for_ever(model: PreparedPart) -> None:
+    """It moves by more than a quarter of its diameter in each frame, and nothing like it is about."""
+    first, truth = beside(-0.45), []
+    for k in range(24):
+        step = 0.27 * min(k % 14, 14 - k % 14)
+        pose = beside(-1.05 + step)
+        pose[1, 3] -= 0.35 * PART.diameter
+        truth.append(pose)
+    after = back_after(hidden_and_back(model, first, [], [[pose] for pose in truth]), truth)
+    assert after is not None
+    assert after <= 10
+
+
+@pytest.mark.parametrize("gap", [0.6, 0.75])
+def test_a_close_neighbour_does_not_keep_the_search_from_the_part(model: PreparedPart, gap: float) -> None:
+    first = beside(-0.45)
+    other = beside(-0.45 + gap)
+    results = hidden_and_back(model, first, [other], [[first, other]] * 12)
+    after = back_after(results, [first] * 12)
+    assert after is not None
+    assert after <= 8
 
 
 @pytest.mark.parametrize("value", [-1])

@@ -143,6 +143,26 @@ def test_what_is_found_in_another_place_is_another_part(
     assert (elsewhere is not None) is contradicts
 
 
+def test_where_the_place_is_right_another_part_does_not_hide_the_pose_that_is(
+    model: PreparedPart, frame: Frame, truth: FloatArray
+) -> None:
+    wrong, aside = turned(truth, 60.0, 0), truth.copy()
+    aside[0, 3] += 0.8 * model.part.diameter
+    solver = FrameSolver(model, ACP)
+
+    def look(pose: FloatArray) -> SeenFrame | None:
+        return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
+
+    def held(solution: Solution) -> float:
+        return 1.0 if add_percent(model.part, solution.cam_T_obj, truth) < 2.0 else 0.0
+
+    finder = Told((aside, 0.6), (truth, 0.38), (wrong, 0.001))
+    question = Question(frame, look, truth, wrong)
+    elsewhere = second_opinion(question, solver, finder, ACP.start, held, Stopwatch())  # type: ignore[arg-type]
+    assert elsewhere is not None
+    assert add_percent(model.part, elsewhere, truth) < 2.0
+
+
 @pytest.mark.parametrize(
     ("own", "other", "is_near", "contradicts"),
     [

@@ -175,7 +175,8 @@ def test_where_one_is_another_part_what_else_was_found_is_proposed_nearest_first
     assert way_back.proposals(frame(0), last) == []
     proposed = [way_back.proposals(frame(1), last)]
     for index in range(2, 6):
-        way_back.pass_on(last)
+        rejected = proposed[-1][0] if proposed[-1] else last
+        way_back.pass_on(Frame(index, np.zeros((256, 320, 3), np.uint8), LARGE), rejected, last)
         proposed.append(way_back.proposals(frame(index), last))
     assert [[pose[0, 3] for pose in poses] for poses in proposed[:4]] == [[400.0], [60.0], [-90.0], [-300.0]]
     # Then the next search decides.
@@ -260,6 +261,25 @@ def test_the_pose_has_to_win_against_what_the_detector_finds(same: bool, score: 
     if expected[-1] is Verdict.WRONG:
         proposed = way_back.proposals(frame(9), ANYWHERE)
         assert [pose[0, 3] for pose in proposed] == [50.0]
+
+
+def test_another_part_elsewhere_does_not_contradict_a_pose_where_the_detector_finds_one_too() -> None:
+    here, there = np.eye(4), np.eye(4)
+    here[2, 3] = there[2, 3] = 400.0
+    there[0, 3] = 150.0
+    for scores, expected in (((0.9, 0.09), Verdict.RIGHT), ((0.9, 0.01), Verdict.WRONG)):
+        way_back, finder = searching(slices=1, score=0.9, budget=10_000.0)
+        ahead = np.array([0.0, 0.0, 1.0])
+        found = tuple(Detection(pose, score, ahead) for pose, score in zip((there, here), scores, strict=True))
+
+        def both(*_: object, found: tuple[Detection, ...] = found, **__: object) -> Steps[tuple[Detection, ...]]:
+            yield 1000.0
+            return found
+
+        finder.search = both  # type: ignore[method-assign, assignment]
+        verdicts = [way_back.second_look(frame(index), here, here, False) for index in range(2)]
+        assert expected in verdicts
+        assert (Verdict.WRONG in verdicts) is (expected is Verdict.WRONG)
 
 
 @pytest.mark.parametrize(("score", "looks"), [(0.9, 1), (0.2, 2)], ids=["at the first look", "at the last"])
