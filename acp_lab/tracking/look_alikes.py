@@ -3,9 +3,10 @@
 While the part is hidden nothing looks more like it than another such part, and the detector finds that. No look tells
 the two apart, but their places do: what was there already while the part was tracked elsewhere is another one. So a
 frame that fitted well is kept every now and then, with its pose. Where a lost part seems to be back in another place,
-or one that fits poorly seems to be elsewhere, the kept frame is searched around there, a little in each frame. If it
-shows something that fits, nearer than the part was, and nothing else is there now, then this is what it was, seen by a
-camera that went on, and not the part. (Not in the paper, whose part is alone and always in sight.)
+the kept frame is solved from there and searched around it, a little in each frame. If it shows something that fits,
+nearer than the part was, and nothing else is there now, then this is what it was, seen by a camera that went on, and
+not the part. Where one that is followed seems to be elsewhere, the kept frame is solved from there.
+(Not in the paper, whose part is alone.)
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ SOLVE_WORK = 8_000.0
 """Of a frame that is solved from a pose, see `detection.work`."""
 _HYPOTHESES, _LEAST_SCORE = 8, 0.2
 _MOST_FRAMES = 10
-"""That a question may take: what moves too fast for it is the part."""
+"""That a question may take; then it is the part, for all that is known."""
 _KNOWN_FRAMES = 30
 """For so many frames nobody asks again of another part: what it was told by may have been covered then."""
 _PIXELS_PER_FRAME = 100_000

@@ -14,11 +14,13 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.find import Detection, are_apart, place_score, scores_in_place
 from acp_lab.tracking.look_alikes import SOLVE_WORK, LookAlikes, Seen
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.result import TrackResult, TrackState
+from acp_lab.tracking.second_thoughts import SecondThoughts
 from acp_lab.tracking.tracker import Tracker
 from acp_lab.tracking.way_back import SURE_FRAMES, SURE_QUALITY
 from tests.made_parts import box, bracket, looking_at
@@ -370,6 +372,21 @@ def test_a_close_neighbour_does_not_keep_the_search_from_the_part(model: Prepare
     after = back_after(results, [first] * 12)
     assert after is not None
     assert after <= 8
+
+
+@pytest.mark.parametrize("stood_there", [False, True])
+def test_second_thoughts_do_not_lead_to_what_was_there_before(
+    model: PreparedPart, stood_there: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Solved:
+        cam_T_obj = FAR
+
+    monkeypatch.setattr(SecondThoughts, "prefer", lambda *_: True)
+    monkeypatch.setattr(Assessment, "right", lambda *_: 1.0)
+    monkeypatch.setattr(LookAlikes, "stood_there", lambda *_: stood_there)
+    whereabouts = Tracker(model)._whereabouts
+    preferred = whereabouts.prefers(frame(0), Solved(), Solved(), lambda *_: None)  # type: ignore[arg-type]
+    assert preferred is not stood_there
 
 
 @pytest.mark.parametrize("value", [-1])
