@@ -77,7 +77,7 @@ class LookAlikes:
         self._there_at, self._others = self._time, ()
         since = self._time - self._kept_at
         if self._good_frames >= SURE_FRAMES and since >= frame.image[..., 0].size // _PIXELS_PER_FRAME:
-            self._kept, self._kept_at = (frame.to_keep(), cam_T_obj), self._time
+            self._kept, self._kept_at = (self._copy_of(frame), cam_T_obj), self._time
 
     def doubt(self) -> None:
         """A frame in which the part is not surely where it is followed, or not seen."""
@@ -155,6 +155,14 @@ class LookAlikes:
         yield SOLVE_WORK
         now = seen(frame, then)
         return now is None or self._are_one(frame, now, cam_T_obj)
+
+    def _copy_of(self, frame: Frame) -> Frame:
+        """A frame with an image of its own: that of the one that was kept before, as new memory takes far longer."""
+        if self._kept is None or self._kept[0].image.shape != frame.image.shape:
+            return frame.to_keep()
+        image = self._kept[0].image
+        np.copyto(image, frame.image)
+        return replace(frame, image=image)
 
     def _are_one(self, frame: Frame, cam_T_obj: FloatArray, other: FloatArray) -> bool:
         return not are_apart(self._part, frame.camera, cam_T_obj, other)
