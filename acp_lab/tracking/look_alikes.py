@@ -3,10 +3,9 @@
 While the part is hidden nothing looks more like it than another such part, and the detector finds that. No look tells
 the two apart, but their places do: what was there already while the part was tracked elsewhere is another one. So a
 frame that fitted well is kept every now and then, with its pose. Where a lost part seems to be back in another place,
-the kept frame is solved from there and searched around it, a little in each frame. If it shows something that fits,
-nearer than the part was, and nothing else is there now, then this is what it was, seen by a camera that went on, and
-not the part. Where one that is followed seems to be elsewhere, the kept frame is solved from there.
-(Not in the paper, whose part is alone.)
+or one that is followed seems to be elsewhere, the kept frame is solved from there and searched around it. If it shows
+something that fits, nearer than the part was, and nothing else is there now, then this is what it was, seen by a camera
+that went on, and not the part. (Not in the paper, whose part is alone.)
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ class LookAlikes:
     def take_in(self, frame: Frame, cam_T_obj: FloatArray, quality: float) -> None:
         """A frame in which the part is surely at a pose (4, 4), of some quality."""
         self._good_frames = self._good_frames + 1 if quality >= SURE_QUALITY else 0
-        self._there_at, self._others = self._time, ()
+        self._there_at = self._time
         since = self._time - self._kept_at
         if self._good_frames >= SURE_FRAMES and since >= frame.image[..., 0].size // _PIXELS_PER_FRAME:
             self._kept, self._kept_at = (self._copy_of(frame), cam_T_obj), self._time
@@ -108,9 +107,16 @@ class LookAlikes:
         self._is_cleared = not question.result
         return bool(question.result)
 
-    def stood_there(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> bool:
-        """Whether what a frame shows at a pose (4, 4) was just there before, apart from the part; without a search."""
-        return self._may_be(frame, cam_T_obj) and finish(self._trying(frame, cam_T_obj, cam_T_obj, seen))
+    def is_one(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> bool:
+        """As `ask`, whatever it costs: for a frame in which it decides about a pose once in a while."""
+        if not self._may_be(frame, cam_T_obj):
+            return False
+        if self._is_known(frame, cam_T_obj):
+            return True
+        is_one = finish(self._asking(frame, cam_T_obj, seen))
+        if is_one:
+            self._others = (*self._others, _Other(cam_T_obj, self._time))
+        return is_one
 
     def _may_be(self, frame: Frame, cam_T_obj: FloatArray) -> bool:
         """Whether something is known of what was there before at a pose (4, 4)."""

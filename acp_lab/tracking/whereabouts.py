@@ -157,7 +157,7 @@ class Whereabouts:
         if thoughts is None or not thoughts.prefer(proposed, self._assessment.right(proposed), followed):
             return False
         alike = self._look_alikes
-        return alike is None or not alike.stood_there(frame, proposed.cam_T_obj, self._seen_by(solve))
+        return alike is None or not alike.is_one(frame, proposed.cam_T_obj, self._seen_by(solve))
 
     def take_in(self, frame: Frame, solution: Solution, quality: float, clock: Stopwatch) -> str:
         """A frame's solution and its quality; the reason where the state changed, else empty."""

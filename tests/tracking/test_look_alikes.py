@@ -103,9 +103,10 @@ def test_what_was_there_before_is_another_part(
 ) -> None:
     finder = Found(*found)
     alike, seen = watching(finder), showing(before=before, now=now)
-    assert alike.stood_there(frame(100), back_at, seen) is (expected and not found)
-    assert finder.searches == 0
     assert alike.ask(frame(100), back_at, seen, ENOUGH) is expected
+    searches = finder.searches
+    assert alike.is_one(frame(100), back_at, seen) is expected
+    assert finder.searches == (searches if expected else 2 * searches)  # what was there is known again
 
 
 def test_who_asks_waits_until_the_search_has_ended() -> None:
@@ -179,7 +180,7 @@ def test_an_open_question_is_dropped_when_nothing_fits() -> None:
 def test_after_a_while_nobody_knows_what_was_there(remembered_frames: int) -> None:
     alike, seen = watching(Found(), remembered_frames), showing(before=(HERE, FAR), now=(FAR,))
     for k in range(50):
-        assert alike.stood_there(frame(100 + k), FAR, seen) is (1 + k <= remembered_frames)
+        assert alike.is_one(frame(100 + k), FAR, seen) is (1 + k <= remembered_frames)
         alike.next_frame()
 
 
@@ -198,9 +199,9 @@ def test_only_a_part_that_is_surely_there_tells_what_else_is() -> None:
                 alike.doubt()
             else:
                 alike.take_in(frame(index), HERE, quality)
-        assert alike.stood_there(frame(100), FAR, seen) is knows
+        assert alike.is_one(frame(100), FAR, seen) is knows
         alike.forget()
-        assert alike.stood_there(frame(100), FAR, seen) is False
+        assert alike.is_one(frame(100), FAR, seen) is False
 
 
 def test_frames_of_another_camera_are_not_compared() -> None:
@@ -374,19 +375,19 @@ def test_a_close_neighbour_does_not_keep_the_search_from_the_part(model: Prepare
     assert after <= 8
 
 
-@pytest.mark.parametrize("stood_there", [False, True])
+@pytest.mark.parametrize("is_one", [False, True])
 def test_second_thoughts_do_not_lead_to_what_was_there_before(
-    model: PreparedPart, stood_there: bool, monkeypatch: pytest.MonkeyPatch
+    model: PreparedPart, is_one: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Solved:
         cam_T_obj = FAR
 
     monkeypatch.setattr(SecondThoughts, "prefer", lambda *_: True)
     monkeypatch.setattr(Assessment, "right", lambda *_: 1.0)
-    monkeypatch.setattr(LookAlikes, "stood_there", lambda *_: stood_there)
+    monkeypatch.setattr(LookAlikes, "is_one", lambda *_: is_one)
     whereabouts = Tracker(model)._whereabouts
     preferred = whereabouts.prefers(frame(0), Solved(), Solved(), lambda *_: None)  # type: ignore[arg-type]
-    assert preferred is not stood_there
+    assert preferred is not is_one
 
 
 @pytest.mark.parametrize("value", [-1])
