@@ -183,7 +183,7 @@ class Reacquisition:
         """
         part, most = self._model.part, self._config.proposals
         proposed, self._rest = self._found[:most], self._found
-        picture = PICTURE_AMONG_OTHERS if self._met_others or self._is_among_others(frame) else PICTURE
+        picture = PICTURE_AMONG_OTHERS if self._met_others or self._is_among_others() else PICTURE
         found = [pose for searched, one in proposed for pose in moved_on(part, one.cam_T_obj, searched, frame, picture)]
         self._found, self._second, self._looks = (), None, 0
         if found:
@@ -227,7 +227,7 @@ class Reacquisition:
         self._looks += 1
         rival, verdict = search.rival, Verdict.OPEN
         if best is not None and rival is not None and not self._finder().is_same(best.cam_T_obj, (rival,)):
-            if best.score >= _SURE_RIVAL and not self._are_two(frame, rival, search.result or ()):
+            if best.score >= _SURE_RIVAL and not self._are_two(search.frame, rival, search.result or ()):
                 self._best, self._found = best, ((search.frame, best),)
                 verdict = Verdict.WRONG
         elif best is not None and best.score >= self._config.least_score:
@@ -245,10 +245,10 @@ class Reacquisition:
             return False
         return place_score(part, camera, cam_T_obj, hypotheses) >= _SURE_RIVAL
 
-    def _is_among_others(self, frame: Frame) -> bool:
+    def _is_among_others(self) -> bool:
         """Whether what was found last is in several places."""
-        poses = [one.cam_T_obj for _, one in self._rest]
-        return any(are_apart(self._model.part, frame.camera, poses[0], other) for other in poses[1:])
+        part, poses = self._model.part, [one.cam_T_obj for _, one in self._rest]
+        return any(are_apart(part, self._rest[0][0].camera, poses[0], other) for other in poses[1:])
 
     def _go_on(self, frame: Frame, last_seen: FloatArray, budget: float) -> float:
         """Spend some of a budget; what is left of it."""
@@ -275,7 +275,7 @@ class Reacquisition:
         hypotheses = search.result or ()
         self._best = next(iter(hypotheses), None)
         least = self._config.least_score_near if search is self._near else self._config.least_score
-        likely = scores_in_place(self._model.part, frame.camera, hypotheses)
+        likely = scores_in_place(self._model.part, search.frame.camera, hypotheses)
         found = (one for one, score in zip(hypotheses, likely, strict=True) if score >= least)
         self._found = tuple((search.frame, one) for one in found)
         if search is self._near:
