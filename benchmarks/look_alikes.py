@@ -13,7 +13,7 @@ visible. PARTS holds prepared parts, or one folder of them per data set.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,7 +26,6 @@ import numpy as np  # noqa: E402
 from acp_lab.evaluation.part_metric import PartMetric  # noqa: E402
 from acp_lab.geometry.arrays import FloatArray  # noqa: E402
 from acp_lab.geometry.pose import disturb_pose  # noqa: E402
-from acp_lab.prepared_part import PreparedPart  # noqa: E402
 from acp_lab.sequences.bop import BopDataset, BopScene  # noqa: E402
 from acp_lab.tracking.method import ACP, Method  # noqa: E402
 from acp_lab.tracking.recovery import WayBack  # noqa: E402
@@ -35,7 +34,7 @@ from acp_lab.tracking.tracker import Tracker  # noqa: E402
 from benchmarks import measured  # noqa: E402
 from benchmarks.recovery import HIDDEN, LOST, RIGHT, Return, returns, row_of  # noqa: E402
 from benchmarks.runs import prepared_part_of  # noqa: E402
-from benchmarks.told_wrong import RECALLS, STARTS_TOLD, as_taken, follow, recalls, true_frames  # noqa: E402
+from benchmarks.told_wrong import RECALLS, STARTS_TOLD, TrueFrame, as_taken, follow, recalls, true_frames  # noqa: E402
 
 OFF = {"5": 5.0, "20": 20.0}
 """How far starts are off: degrees, mm."""
@@ -95,16 +94,20 @@ def _asked(scene: BopScene, parts: Path, method: Method) -> Asked:
     metric, frames, seed = PartMetric(model.part), true_frames(scene), [0, scene.scene_id, scene.object_ids[0]]
     told = as_taken(frames)
     followed = {start: follow(told, Tracker(model, method), metric, start, seed) for start in STARTS_TOLD}
-    started = {name: np.array(list(_starts(scene, model, method, metric, off))) for name, off in OFF.items()}
+    started = {
+        name: np.array(list(_starts(frames, Tracker(model, method), metric, scene.scene_id, off)))
+        for name, off in OFF.items()
+    }
     return Asked(followed, started, tuple(returns(scene, parts, method, tuple(HIDDEN))))
 
 
-def _starts(scene: BopScene, model: PreparedPart, method: Method, metric: PartMetric, off: float) -> Iterator[float]:
-    tracker = Tracker(model, method)
-    for number, one in enumerate(true_frames(scene)[::EVERY]):
+def _starts(
+    frames: Sequence[TrueFrame], tracker: Tracker, metric: PartMetric, scene_id: int, off: float
+) -> Iterator[float]:
+    for number, one in enumerate(frames[::EVERY]):
         for seed in range(SEEDS if one.counts else 0):
-            rng = np.random.default_rng([seed, scene.scene_id, number])
-            result = tracker.start(one.frame, disturb_pose(one.truth, model.part.box_centre, off, off, rng))
+            rng = np.random.default_rng([seed, scene_id, number])
+            result = tracker.start(one.frame, disturb_pose(one.truth, tracker.part.box_centre, off, off, rng))
             yield metric.share(result.cam_T_obj, one.truth)
 
 

@@ -276,17 +276,22 @@ def are_apart(part: Part, camera: Camera, cam_T_obj: FloatArray, other: FloatArr
 
 def scores_in_place(part: Part, camera: Camera, hypotheses: Sequence[Detection]) -> list[float]:
     """In [0, 1] each: how likely it is right if there may be others like it elsewhere; of all that a search found."""
-    odds = np.array([one.score for one in hypotheses]) / max(1.0 - sum(one.score for one in hypotheses), 1e-9)
-    poses = [one.cam_T_obj for one in hypotheses]
+    odds, poses = _odds(hypotheses), [one.cam_T_obj for one in hypotheses]
     rivals = [[not are_apart(part, camera, one, other) for other in poses] for one in poses]
     return [float(own / (1.0 + odds[here].sum())) for own, here in zip(odds, rivals, strict=True)]
 
 
 def place_score(part: Part, camera: Camera, cam_T_obj: FloatArray, hypotheses: Sequence[Detection]) -> float:
     """In [0, 1]: how likely the part, or one like it, is in the place of a pose (4, 4); by all that a search found."""
-    scores = scores_in_place(part, camera, hypotheses)
-    here = (not are_apart(part, camera, one.cam_T_obj, cam_T_obj) for one in hypotheses)
-    return sum(score for score, is_here in zip(scores, here, strict=True) if is_here)
+    here = [not are_apart(part, camera, one.cam_T_obj, cam_T_obj) for one in hypotheses]
+    odds = float(_odds(hypotheses)[here].sum())
+    return odds / (1.0 + odds)
+
+
+def _odds(hypotheses: Sequence[Detection]) -> FloatArray:
+    """(n,) of each of all that a search found, against that there is none; see `shared_scores`."""
+    scores = np.array([one.score for one in hypotheses])
+    return np.asarray(scores / max(1.0 - float(scores.sum()), 1e-9))
 
 
 class LateFinder:

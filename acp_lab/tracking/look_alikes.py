@@ -39,6 +39,9 @@ _PIXELS_PER_FRAME = 100_000
 Seen = Callable[[Frame, FloatArray], FloatArray | None]
 """The pose (4, 4) at which a frame shows such a part if it is solved from another one; None where nothing fits."""
 
+_Kept = tuple[Frame, FloatArray]
+"""A frame, and the part's pose (4, 4) in it."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Other:
@@ -57,7 +60,7 @@ class LookAlikes:
 
     def forget(self) -> None:
         """Before a new track."""
-        self._kept: tuple[Frame, FloatArray] | None = None
+        self._kept: _Kept | None = None
         # Counted in frames: now, and when the part was last surely there, a frame was kept, and somebody asked.
         self._time = self._there_at = self._kept_at = 0
         self._asked_at = self._began_at = -1
@@ -90,13 +93,14 @@ class LookAlikes:
         if self._asked_at != self._time - 1:
             self._question, self._is_cleared = None, False
         self._asked_at = self._time
-        if self._is_cleared or not self._may_be(frame, cam_T_obj):
+        kept = self._kept_of(frame, cam_T_obj)
+        if self._is_cleared or kept is None:
             return False
         if self._is_known(frame, cam_T_obj):
             return True
         question = self._question
         if question is None:
-            question, self._began_at = Errand(self._asking(frame.to_keep(), cam_T_obj, seen)), self._time
+            question, self._began_at = Errand(self._asking(kept, frame.to_keep(), cam_T_obj, seen)), self._time
         self._question = None
         question.go_on(budget)
         if not question.is_done and self._time - self._began_at < _MOST_FRAMES:
@@ -109,21 +113,23 @@ class LookAlikes:
 
     def is_one(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> bool:
         """As `ask`, whatever it costs: for a frame in which it decides about a pose once in a while."""
-        if not self._may_be(frame, cam_T_obj):
+        kept = self._kept_of(frame, cam_T_obj)
+        if kept is None:
             return False
         if self._is_known(frame, cam_T_obj):
             return True
-        is_one = finish(self._asking(frame, cam_T_obj, seen))
+        is_one = finish(self._asking(kept, frame, cam_T_obj, seen))
         if is_one:
             self._others = (*self._others, _Other(cam_T_obj, self._time))
         return is_one
 
-    def _may_be(self, frame: Frame, cam_T_obj: FloatArray) -> bool:
-        """Whether something is known of what was there before at a pose (4, 4)."""
+    def _kept_of(self, frame: Frame, cam_T_obj: FloatArray) -> _Kept | None:
+        """The kept frame, and the part's pose (4, 4) in it; None where they tell nothing of another pose (4, 4)."""
         if self._kept is None or self._time - self._there_at > self._remembered_frames:
-            return False
+            return None
         before, part_then = self._kept
-        return frame.camera == before.camera and not self._are_one(frame, part_then, cam_T_obj)
+        is_comparable = frame.camera == before.camera and not self._are_one(frame, part_then, cam_T_obj)
+        return self._kept if is_comparable else None
 
     def _is_known(self, frame: Frame, cam_T_obj: FloatArray) -> bool:
         """Whether another part was there a moment ago; it is followed."""
@@ -134,24 +140,20 @@ class LookAlikes:
             self._others = (*rest, replace(known[0], cam_T_obj=cam_T_obj))
         return bool(known)
 
-    def _asking(self, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> Steps[bool]:
-        if (yield from self._trying(frame, cam_T_obj, cam_T_obj, seen)):
+    def _asking(self, kept: _Kept, frame: Frame, cam_T_obj: FloatArray, seen: Seen) -> Steps[bool]:
+        if (yield from self._trying(kept, frame, cam_T_obj, cam_T_obj, seen)):
             return True
-        if self._kept is None:
-            return False
-        before, _ = self._kept
+        before, _ = kept
         around = AROUND.of(cam_T_obj, appears_px(self._part, frame.camera, cam_T_obj))
         found = yield from self._finder().search(before, _HYPOTHESES, around, 0)
         for one, score in zip(found, scores_in_place(self._part, before.camera, found), strict=True):
-            if score >= _LEAST_SCORE and (yield from self._trying(frame, cam_T_obj, one.cam_T_obj, seen)):
+            if score >= _LEAST_SCORE and (yield from self._trying(kept, frame, cam_T_obj, one.cam_T_obj, seen)):
                 return True
         return False
 
-    def _trying(self, frame: Frame, cam_T_obj: FloatArray, there: FloatArray, seen: Seen) -> Steps[bool]:
+    def _trying(self, kept: _Kept, frame: Frame, cam_T_obj: FloatArray, there: FloatArray, seen: Seen) -> Steps[bool]:
         """Whether what the kept frame shows at a pose `there` (4, 4) is what this one shows at another pose (4, 4)."""
-        if self._kept is None:
-            return False
-        before, part_then = self._kept
+        before, part_then = kept
         yield SOLVE_WORK
         then = seen(before, there)
         if then is None or self._are_one(before, then, part_then):

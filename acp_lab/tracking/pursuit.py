@@ -177,7 +177,7 @@ class Pursuit:
         self.region = region
         return best
 
-    def solve(self, clock: Stopwatch, frame: Frame, cam_T_obj: FloatArray) -> Solution | None:
+    def solve(self, frame: Frame, cam_T_obj: FloatArray, clock: Stopwatch) -> Solution | None:
         """The best solution of any frame from a pose (4, 4); the region in use stays."""
         region = self.region
         solution = self.best_of(frame, [cam_T_obj], clock)

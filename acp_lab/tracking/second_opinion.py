@@ -88,9 +88,8 @@ def _contradiction(
     scores = [one.score for one in found]
     if place_score(part, camera, question.found, found) >= config.apart_below:
         # It is in that place, and may be in another pose there.
-        here = [not are_apart(part, camera, one.cam_T_obj, question.found) for one in found]
-        in_place = scores_in_place(part, camera, found)
-        scores = [score if is_here else 0.0 for score, is_here in zip(in_place, here, strict=True)]
+        in_place = zip(found, scores_in_place(part, camera, found), strict=True)
+        scores = [0.0 if are_apart(part, camera, o.cam_T_obj, question.found) else score for o, score in in_place]
     own, best, likely = 0.0, None, 0.0
     for one, score in zip(found, scores, strict=True):
         if finder.is_same(one.cam_T_obj, (question.found,)):

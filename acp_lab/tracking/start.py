@@ -45,7 +45,8 @@ class SecondOpinion:
     Attributes:
         within_deg, depth_ratio, around_px: how far from the start pose it looks, see `PosePrior`.
         near, far: what contradicts a pose found as near the start as a search around it reaches; one found beyond.
-        apart_below: how likely the part is in the place in question for what is elsewhere to contradict nothing.
+        apart_below: what is in another place contradicts only where the part is less likely than that in the place in
+            question; above 1, it always does.
     """
 
     kind: ClassVar[str] = "detector"
@@ -64,7 +65,7 @@ class SecondOpinion:
             ("near.score", 0.0 <= self.near.score <= 1.0, self.near.score, "0 to 1"),
             ("near.times", 1.0 <= self.near.times <= 1e6, self.near.times, "1 to 1e6"),
             ("far.score", 0.0 <= self.far.score <= 1.0, self.far.score, "0 to 1"),
-            ("apart_below", 0.0 <= self.apart_below <= 2.0, self.apart_below, "0 to 1, or more for always"),
+            ("apart_below", 0.0 <= self.apart_below <= 2.0, self.apart_below, "0 to 1, or 2 for always"),
             ("far.times", 1.0 <= self.far.times <= 1e6, self.far.times, "1 to 1e6"),
         )
         for name, good, value, wanted in checks:

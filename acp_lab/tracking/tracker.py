@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -230,11 +229,9 @@ class Tracker:
                 solution = pursuit.recover(frame, predicted, solution, clock, whereabouts.states)
             other = self._elsewhere(frame, solution, clock)
             solution = other or solution
-        if whereabouts.is_looked_for:
-            solve = partial(pursuit.solve, clock)
-            if whereabouts.is_another(frame, solution, bool(proposals), solve, clock):
-                pursuit.turn_back(whereabouts.last_seen)
-                solution = None
+        if whereabouts.is_looked_for and whereabouts.is_another(frame, solution, bool(proposals), pursuit.solve, clock):
+            pursuit.turn_back(whereabouts.last_seen)
+            solution = None
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
             pursuit.restart(self.last)
@@ -384,8 +381,11 @@ class Tracker:
         """A frame solved from where second thoughts find a part that is followed; None where its solution stays."""
         pursuit, region = self._pursuit, self._pursuit.region
         best = pursuit.best_of(frame, self._whereabouts.second_thoughts(frame, solution, clock), clock)
-        solve = partial(pursuit.solve, clock)
-        if best is None or solution is None or not self._whereabouts.prefers(frame, best, solution, solve):
+        if (
+            best is None
+            or solution is None
+            or not self._whereabouts.prefers(frame, best, solution, pursuit.solve, clock)
+        ):
             pursuit.region = region
             return None
         return best

@@ -29,7 +29,7 @@ from acp_lab.tracking.way_back import SURE_QUALITY, Reacquisition, Verdict
 _BUDGET_TIMES = 2.0
 """What asking whether it is another part may cost in a frame, in that of a search: meanwhile none goes on."""
 
-Solve = Callable[[Frame, FloatArray], Solution | None]
+Solve = Callable[[Frame, FloatArray, Stopwatch], Solution | None]
 """What a frame is solved for from a pose (4, 4)."""
 
 
@@ -129,7 +129,7 @@ class Whereabouts:
             return False
         clock.lap()
         budget = _BUDGET_TIMES * self._way_back.budget
-        answer = self._look_alikes.ask(frame, solution.cam_T_obj, self._seen_by(solve), budget)
+        answer = self._look_alikes.ask(frame, solution.cam_T_obj, self._seen_by(solve, clock), budget)
         clock.search_s += clock.lap()
         if answer and proposed:
             self._way_back.pass_on(frame, solution.cam_T_obj, self.last_seen)
@@ -148,7 +148,7 @@ class Whereabouts:
         clock.search_s += clock.lap()
         return proposals
 
-    def prefers(self, frame: Frame, proposed: Solution, followed: Solution, solve: Solve) -> bool:
+    def prefers(self, frame: Frame, proposed: Solution, followed: Solution, solve: Solve, clock: Stopwatch) -> bool:
         """Whether what second thoughts came to replaces a frame's solution where the part was followed.
 
         solve: any frame, from a pose.
@@ -157,7 +157,7 @@ class Whereabouts:
         if thoughts is None or not thoughts.prefer(proposed, self._assessment.right(proposed), followed):
             return False
         alike = self._look_alikes
-        return alike is None or not alike.is_one(frame, proposed.cam_T_obj, self._seen_by(solve))
+        return alike is None or not alike.is_one(frame, proposed.cam_T_obj, self._seen_by(solve, clock))
 
     def take_in(self, frame: Frame, solution: Solution, quality: float, clock: Stopwatch) -> str:
         """A frame's solution and its quality; the reason where the state changed, else empty."""
@@ -196,9 +196,9 @@ class Whereabouts:
     def _fits(self, solution: Solution) -> bool:
         return self._is_found(self._assessment.quality(solution))
 
-    def _seen_by(self, solve: Solve) -> Seen:
+    def _seen_by(self, solve: Solve, clock: Stopwatch) -> Seen:
         def seen(frame: Frame, cam_T_obj: FloatArray) -> FloatArray | None:
-            solution = solve(frame, cam_T_obj)
+            solution = solve(frame, cam_T_obj, clock)
             return None if solution is None or not self._fits(solution) else solution.cam_T_obj
 
         return seen

@@ -21,6 +21,7 @@ from acp_lab.tracking.method import ACP
 from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.result import TrackResult, TrackState
 from acp_lab.tracking.second_thoughts import SecondThoughts
+from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.tracker import Tracker
 from acp_lab.tracking.way_back import SURE_FRAMES, SURE_QUALITY
 from tests.made_parts import box, bracket, looking_at
@@ -386,7 +387,7 @@ def test_second_thoughts_do_not_lead_to_what_was_there_before(
     monkeypatch.setattr(Assessment, "right", lambda *_: 1.0)
     monkeypatch.setattr(LookAlikes, "is_one", lambda *_: is_one)
     whereabouts = Tracker(model)._whereabouts
-    preferred = whereabouts.prefers(frame(0), Solved(), Solved(), lambda *_: None)  # type: ignore[arg-type]
+    preferred = whereabouts.prefers(frame(0), Solved(), Solved(), lambda *_: None, Stopwatch())  # type: ignore[arg-type]
     assert preferred is not is_one
 
 
