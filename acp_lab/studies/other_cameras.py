@@ -116,14 +116,16 @@ CAMERAS: dict[str, OtherCamera] = {
     "half": OtherCamera(is_half=True),
     "sharpened": OtherCamera(sharpening=1.2),
     "noisy": OtherCamera(electrons=1000.0),
+    "grainy": OtherCamera(electrons=200.0),
     "dark": OtherCamera(exposure=0.15, electrons=6000.0),
     "bright": OtherCamera(exposure=2.5),
     "linear": OtherCamera(gamma=1.0),
     "grey": OtherCamera(is_grey=True),
     "compressed": OtherCamera(jpeg_quality=30),
 }
-"""By name: a lens out of focus, half the pixels, a camera that sharpens, one at high gain, one in a sixth of the light,
-one that exposes too long, one that stores light as it is, one without colours, one that stores small files."""
+"""By name: a lens out of focus, half the pixels, a camera that sharpens, one at high gain and one at a far higher one, one
+in a sixth of the light, one that exposes too long, one that stores light as it is, one without colours, one that stores
+small files."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@
     priors      what is believed beside the image              priors
     solver      how e is minimised                             solvers
     tones       what sudden changes and bands of light do      tones, bands
+    denoising   what is done about noise                       denoising
     prediction  where the next frame starts                    prediction
     camera      what a camera that shakes does to that         camera_motion
     sight       how a first glance corrects that               picture
@@ -41,6 +42,7 @@ from acp_lab.imaging.edge_search import AS_THEY_ARE
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.camera_motion import CameraMotion
 from acp_lab.tracking.confidence import EDGES_ALONE, Confidence
+from acp_lab.tracking.denoising import Denoising
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning, TargetLearning
@@ -97,6 +99,7 @@ class Method:
     priors: tuple[PriorConfig, ...] = (ControlPointDamping(), MotionPrior())
     solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0, last_px=0.03))
     tones: ToneMatching | Off = field(default_factory=ToneMatching)
+    denoising: Denoising | Off = field(default_factory=Denoising)
     prediction: PredictionConfig = field(default_factory=KalmanPrediction)
     camera: CameraMotion | Off = field(default_factory=CameraMotion)
     sight: PictureSearch | Off = field(default_factory=PictureSearch)
@@ -293,6 +296,7 @@ ACP_PAPER = Method(
     priors=(),
     solver=GaussNewton(),
     tones=Off(),
+    denoising=Off(),
     prediction=LastPosePrediction(),
     camera=Off(),
     sight=Off(),
@@ -350,6 +354,7 @@ REGION = Method(
     priors=(TikhonovPrior(),),
     solver=GaussNewton(steps=2, damping=0.0),
     tones=Off(),
+    denoising=Off(),
     prediction=LastPosePrediction(),
     camera=Off(),
     sight=Off(),

@@ -25,6 +25,7 @@ from acp_lab.sequences.frame import Frame, UnreadableFrame, check_frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.camera_motion import CameraFollower, CameraMotion
+from acp_lab.tracking.denoising import NoiseFilter
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
@@ -83,6 +84,7 @@ class Tracker:
         self.records_target = False
         self._first: FirstFrame | None = None
         self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
+        self._noise = None if isinstance(self.method.denoising, Off) else NoiseFilter(self.method.denoising)
         self._finder = LateFinder(model)
         self._assessment = Assessment(model.part, self.solver.method)
         self._whereabouts = Whereabouts(model, self.solver.method, self._assessment, self._finder)
@@ -302,6 +304,8 @@ class Tracker:
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
             frame = self._tones.preview(frame, self._middle_at(frame, prior))
+        if self._noise is not None:
+            frame = self._noise.preview(frame)
         glass, self.solver.glass = self.solver.glass, MagnifyingGlass(None)
         try:
             return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
@@ -315,6 +319,8 @@ class Tracker:
         self._whereabouts.forget()
         if self._tones is not None:
             self._tones.forget()
+        if self._noise is not None:
+            self._noise.forget()
         self._shown.forget()
         if self._camera is not None:
             self._camera.forget()
@@ -402,13 +408,17 @@ class Tracker:
         clock.image_s += clock.lap()
 
     def _steady(self, frame: Frame, expected: FloatArray, clock: Stopwatch) -> Frame:
-        """The frame without a sudden change of light or bands of it; expected: (4, 4) the pose of the part there."""
-        if self._tones is None:
-            return frame
+        """The frame without a sudden change of light, bands of it, or much noise.
+
+        expected: (4, 4) the pose of the part there.
+        """
         clock.lap()
-        steady = self._tones.steady(frame, self._middle_at(frame, expected))
+        if self._tones is not None:
+            frame = self._tones.steady(frame, self._middle_at(frame, expected))
+        if self._noise is not None:
+            frame = self._noise.smoothed(frame)
         clock.image_s += clock.lap()
-        return steady
+        return frame
 
     def _middle_at(self, frame: Frame, pose: FloatArray) -> Box | None:
         """The middle of the part's box at a pose (4, 4), half as wide and high: there it is mostly part."""

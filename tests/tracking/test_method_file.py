@@ -12,6 +12,7 @@ from acp_lab.errors import InputFileError
 from acp_lab.imaging.edge_search import SearchConfig
 from acp_lab.tracking.camera_motion import CameraMotion
 from acp_lab.tracking.confidence import Confidence
+from acp_lab.tracking.denoising import Denoising
 from acp_lab.tracking.kalman import KalmanPrediction
 from acp_lab.tracking.learning.contour_offsets import OffsetConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
@@ -100,6 +101,7 @@ FUSED = Method(
     way_back=WayBack(1e4, 3, 0.7, 0.3, 0.8, 12, 90),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0, 0.9),
     tones=ToneMatching(9.0, 0.4, 0.3, 0.7, 0.03, 0.5),
+    denoising=Denoising(2.0, 8.0, 1.5, 7, 3),
     uncertainty=PoseUncertainty(1.0, 0.2, 0.3, 0.4),
 )
 EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=GaussNewton(9, 0.1), learning=Off())]
@@ -107,7 +109,7 @@ EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=Gaus
 
 def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
     region, rest = FUSED.targets[1], (FUSED.prediction, FUSED.recovery, FUSED.sight, FUSED.way_back, FUSED.confidence)
-    rest = (*rest, FUSED.tones, FUSED.uncertainty, FUSED.camera)
+    rest = (*rest, FUSED.tones, FUSED.denoising, FUSED.uncertainty, FUSED.camera)
     for part in (region, region.colours, *rest):  # type: ignore[union-attr]
         for item in fields(part):
             assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name
