@@ -123,7 +123,7 @@ CAMERAS: dict[str, OtherCamera] = {
     "grey": OtherCamera(is_grey=True),
     "compressed": OtherCamera(jpeg_quality=30),
 }
-"""By name: a lens out of focus, half the pixels, a camera that sharpens, one at high gain and one at a far higher one, one
+"""By name: a lens out of focus, half the pixels, a camera that sharpens, one at high gain, one at a far higher one, one
 in a sixth of the light, one that exposes too long, one that stores light as it is, one without colours, one that stores
 small files."""
 
