@@ -1,9 +1,11 @@
-"""The first frame, measured once more when it is known how far motion smeared its edges, or where it shows them.
+"""The first frame, measured once more when it is known how far motion smeared its edges, where it shows them, or how
+its greys mean light.
 
 Offsets of edges are measured in the first frame, where the pose is known best. What the part moves and for how long
-the shutter is open nobody knows then; where edges are smeared, what is taken for their offsets may be any place in the
-smear, and where the image was read row by row, they are shown elsewhere. The second frame tells the motion, a few fast
-edges the shutter, and with both the first image is read again.
+the shutter is open nobody knows then, nor how the camera encodes light. Where edges are smeared, what is taken for
+their offsets may be any place in the smear, in light that is taken for another it is not its middle, and where the
+image was read row by row, they are shown elsewhere. The second frame tells the motion, a few fast edges the shutter and
+the encoding, and with these the first image is read again.
 (Not in the paper; see docs/paper-ledger.md.)
 """
 
@@ -38,6 +40,7 @@ class FirstFrame:
         self._age = 0
         self._smear_was_known = False
         self._readout = np.zeros(2)
+        self._gamma: float | None = None
 
     def measure_again(self, solver: FrameSolver, cam_T_obj: FloatArray, clock: Stopwatch) -> bool:
         """Measure its offsets again if more is known of the shutter by now; whether it is still to be kept.
@@ -52,12 +55,16 @@ class FirstFrame:
         smear_is_known = knowledge.blur is None or knowledge.blur.share > 0.0
         smear_is_new = smear_is_known and not self._smear_was_known
         readout = np.zeros(2) if knowledge.readout is None else knowledge.readout
-        if smear_is_new or np.abs(readout - self._readout).max() > _NEWS:
-            self._look_again(solver, smear_is_new, readout, clock)
+        light_is_new, self._gamma = knowledge.gamma != self._gamma, knowledge.gamma
+        if smear_is_new or light_is_new or np.abs(readout - self._readout).max() > _NEWS:
+            self._look_again(solver, smear_is_new, light_is_new, readout, clock)
         self._smear_was_known = smear_is_known
-        return not smear_is_known or (knowledge.shutter is not None and self._age < _FRAMES)
+        waits = knowledge.shutter is not None or knowledge.encoding is not None
+        return not smear_is_known or (waits and self._age < _FRAMES)
 
-    def _look_again(self, solver: FrameSolver, smear_is_new: bool, readout: FloatArray, clock: Stopwatch) -> None:
+    def _look_again(
+        self, solver: FrameSolver, smear_is_new: bool, light_is_new: bool, readout: FloatArray, clock: Stopwatch
+    ) -> None:
         frame, knowledge, pose = self._frame, solver.knowledge, self._cam_T_obj
         before, self._readout = self._readout, readout
         seen = solver.look(frame.image, frame.camera, pose, self._region, motion=self._motion)
@@ -71,7 +78,7 @@ class FirstFrame:
         off_px = np.linalg.norm(off, axis=1)
         smear_px = knowledge.blur_px(edges, edges.normals, at) if smear_is_new else None
         is_smeared = smear_px is not None and (smear_px > _SMEARED_PX).mean() > _SHARE
-        if is_smeared or (off_px > _SHOWN_OFF_PX).mean() > _SHARE:
+        if light_is_new or is_smeared or (off_px > _SHOWN_OFF_PX).mean() > _SHARE:
             knowledge.forget_offsets()
             again = solver.look_at(seen, at, LOOK_LEVEL, clock)
             if again is not None and again.judgement.matches is not None:

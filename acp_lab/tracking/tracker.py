@@ -135,6 +135,15 @@ class Tracker:
         readout = self.solver.knowledge.readout
         return None if readout is None else readout.copy()
 
+    @property
+    def gamma(self) -> float | None:
+        """The exponent by which the camera seems to encode light: light is the grey level to this power.
+
+        1.0 for a camera that stores light as it is. None while no other was seen than the method expects
+        (`SearchConfig.gamma`): moving edges have to show it.
+        """
+        return self.solver.knowledge.gamma
+
     def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
         """Begin at a pose (4, 4) in the first frame.
 

@@ -1,8 +1,9 @@
 """What a method knows of its edge samples: their look, their place beside the CAD's edges, their reliability.
 
-And how far all outlines lie to their bright side, how far the lens blurs edges and motion smears them, and how long the
-camera takes to read a picture. These seven start empty in the first frame; what the profile of an image edge says of
-the CAD's was learnt long before, but for what all edges of the part share. Each of the eight can be switched off.
+And how far all outlines lie to their bright side, how far the lens blurs edges and motion smears them, how long the
+camera takes to read a picture, and how it encodes light. These eight start empty in the first frame; what the profile
+of an image edge says of the CAD's was learnt long before, but for what all edges of the part share. Each of the nine
+can be switched off.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from acp_lab.tracking.learning.contour_offsets import ContourOffsets, ExpectedOf
 from acp_lab.tracking.learning.edge_memory import EdgeMemory, MemoryConfig
 from acp_lab.tracking.learning.edge_profiles import EdgeProfiles, EdgeViews, ProfileConfig, ProfileShifts
 from acp_lab.tracking.learning.edge_traits import TraitEvidence
+from acp_lab.tracking.learning.encoding import EncodingConfig, LightEncoding
 from acp_lab.tracking.learning.lens_blur import LensBlur, LensConfig
 from acp_lab.tracking.learning.motion_blur import BlurConfig, MotionBlur
 from acp_lab.tracking.learning.novelty import Novelty
@@ -63,6 +65,7 @@ class SampleLearning:
         blur: how long the shutter is open, hence how far moving edges are smeared.
         lens: how far edges are blurred that do not move; off, every picture is asked anew.
         shutter: how long the camera takes to read a picture, row by row; off, it reads all at once.
+        encoding: how it encodes light as greys; off, as the search takes it to.
         learn_above: share of the running mean quality below which a frame teaches nothing.
         learn_from_px: how far a part must have moved in the image since the last frame that taught; 0 for nowhere.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
@@ -78,13 +81,14 @@ class SampleLearning:
     blur: BlurConfig | Off = field(default_factory=BlurConfig)
     lens: LensConfig | Off = field(default_factory=LensConfig)
     shutter: ShutterConfig | Off = field(default_factory=ShutterConfig)
+    encoding: EncodingConfig | Off = field(default_factory=EncodingConfig)
     learn_above: float = 0.5
     learn_from_px: float = 2.0
     trust_from_sigma_px: float = 2.0
 
     def __post_init__(self) -> None:
         edges = (self.memory, self.offsets, self.reliability, self.polarity, self.profiles)
-        if all(isinstance(part, Off) for part in (*edges, self.blur, self.lens, self.shutter)):
+        if all(isinstance(part, Off) for part in (*edges, self.blur, self.lens, self.shutter, self.encoding)):
             raise TrackingError('learning: all its parts are off: give learning.kind = "off"')
         if not 0.0 <= self.learn_from_px < float("inf"):
             raise TrackingError(f"learning.learn_from_px = {self.learn_from_px:g}: give px, 0 for every frame")
@@ -130,6 +134,12 @@ class Matches:
         """(n,) grey levels per px of the chosen edges, along the normals."""
         chosen: FloatArray = self.candidates.gradients.reshape(-1).take(self._chosen)
         return chosen
+
+    @property
+    def found(self) -> FloatArray:
+        """(n, 2) px where the chosen edges are in the picture."""
+        offsets: FloatArray = self.candidates.offsets.reshape(-1).take(self._chosen)
+        return self.places + offsets[:, None] * self.normals
 
     @property
     def _chosen(self) -> IntArray:
@@ -189,6 +199,7 @@ class SampleKnowledge:
         self.blur: MotionBlur | None = None
         self.lens: LensBlur | None = None
         self.shutter: RollingShutter | None = None
+        self.encoding: LightEncoding | None = None
         self._novelty: Novelty | None = None
         if not isinstance(config, SampleLearning):
             return
@@ -212,6 +223,8 @@ class SampleKnowledge:
             self.lens = LensBlur(config.lens)
         if isinstance(config.shutter, ShutterConfig):
             self.shutter = RollingShutter(config.shutter)
+        if isinstance(config.encoding, EncodingConfig):
+            self.encoding = LightEncoding(config.encoding)
 
     def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:
         """(n, m) scores, less for candidates that contradict what their sample looked like."""
@@ -229,6 +242,11 @@ class SampleKnowledge:
     def lens_blur_px(self) -> float | None:
         """How far the camera blurs edges that do not move; None where nobody knows."""
         return None if self.lens is None else self.lens.blur_px
+
+    @property
+    def gamma(self) -> float | None:
+        """The exponent by which the camera encodes light, see `LightEncoding`; None where nobody knows better."""
+        return None if self.encoding is None else self.encoding.gamma
 
     @property
     def readout(self) -> FloatArray | None:
@@ -362,10 +380,18 @@ class SampleKnowledge:
         motion = matches.at.view.motion
         if self.blur is not None and motion is not None:
             self.blur.learn(matches.patch, matches.places, matches.normals, matches.jacobian @ motion)
+        if self.encoding is not None and matches.at.motion is not None:
+            self._learn_encoding(self.encoding, matches, matches.at.motion)
         if self.shutter is not None and matches.at.motion is not None:
             self._learn_shutter(self.shutter, matches, matches.at.motion)
         if self.lens is not None:
             self.lens.learn(matches.patch)
+
+    def _learn_encoding(self, encoding: LightEncoding, matches: Matches, motion: FloatArray) -> None:
+        smear_px = None if self.blur is None else self.blur.smear_px(matches.jacobian @ motion)
+        if smear_px is not None:
+            found = np.flatnonzero(np.isfinite(matches.sure_residuals_px))
+            encoding.learn(matches.patch, matches.found[found], matches.normals[found], smear_px[found])
 
     def _learn_shutter(self, shutter: RollingShutter, matches: Matches, motion: FloatArray) -> None:
         motion_px = matches.jacobian @ motion

@@ -7,7 +7,7 @@ paper IV-B, whose distance map attracts an edge point to whatever edge is neares
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -83,7 +83,10 @@ class NormalSearch:
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
         """The target of one frame."""
-        patch = image_patch(view.image, view.edge_box, self.search, knowledge.lens_blur_px)
+        gamma = knowledge.gamma
+        # Cameras that were told to store light as it is do so.
+        search = self.search if gamma is None or gamma >= self.search.gamma else replace(self.search, gamma=gamma)
+        patch = image_patch(view.image, view.edge_box, search, knowledge.lens_blur_px)
         return NormalTarget(patch, self, knowledge)
 
 

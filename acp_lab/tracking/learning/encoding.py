@@ -1,0 +1,164 @@
+"""How a camera encodes light as greys, told by moving edges.
+
+While the shutter is open a moving edge sweeps over its pixels evenly: in light its smear is a ramp, as straight on its
+dark side as on its bright one. A camera that encodes light for displays lifts the dark end, and the ramp is bent; many
+industrial cameras store light as it is. Taken for light encoded otherwise, greys are steepest elsewhere than in the
+middle of the smear, and outlines all lie to one side. So it is asked with which exponent smears are straight. Edges
+that stand still are blurred too little to tell.
+(Not in the paper; see docs/paper-ledger.md. Greys as a measure of light, by what mixes on edges: Lin, Gu, Yamazaki and
+Shum, Radiometric calibration from a single image, 2004.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from acp_lab.compiled import kernel
+from acp_lab.errors import TrackingError
+from acp_lab.geometry.arrays import Float32Array, FloatArray, plain
+from acp_lab.imaging.edge_search import ImagePatch
+from acp_lab.imaging.edge_search_kernel import read_profile
+
+# From light as it is to what no camera exceeds by much.
+_EXPONENTS = np.array([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2])
+# So many edges of a frame are enough, of smears that are not longer, px: on its way a longer one meets other things.
+_MOST_EDGES, _MOST_PX = 80, 16.0
+# Beside the smear, px: the lens blurs its ends.
+_ROOM_PX = 3
+# Grey levels: steps that are lower are bent by noise; what is darker or brighter is cut off.
+_LEAST_STEP, _BLACK, _WHITE = 25.0, 6.0, 245.0
+# Of the step: back by more, or still going on at its ends by more, and something else is on the way.
+_BACK, _STILL = 0.06, 0.1
+# Of a smear, px of it that half of the step may take at least and at most, but for the lens.
+_SHORTEST, _LONGEST = 0.35, 0.75
+# An encoding that is told twice to one decimal place is the same.
+_DECIMALS = 1
+_HYSTERESIS = 0.1
+
+
+@dataclass(frozen=True)
+class EncodingConfig:
+    """How the camera's encoding is learnt.
+
+    Attributes:
+        least_px: edges that motion smears by less say nothing.
+        evidence: edges that must have been seen before what they say is believed.
+        memory: share of the evidence that is kept from frame to frame.
+        below: an exponent is believed where it is less; cameras that encode light for displays are taken to do so by
+            the search's own (`SearchConfig.gamma`).
+    """
+
+    kind: ClassVar[str] = "on"
+    least_px: float = 3.0
+    evidence: float = 200.0
+    memory: float = 0.98
+    below: float = 1.2
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.least_px <= _MOST_PX:
+            raise TrackingError(f"learning.encoding.least_px = {self.least_px:g}: give 1 to {_MOST_PX:g} px")
+        if not 1.0 <= self.evidence < float("inf"):
+            raise TrackingError(f"learning.encoding.evidence = {self.evidence:g}: give 1 or more")
+        if not 0.0 <= self.memory < 1.0:
+            raise TrackingError(f"learning.encoding.memory = {self.memory:g}: give 0 to less than 1")
+        if not 1.0 <= self.below <= _EXPONENTS[-1]:
+            raise TrackingError(f"learning.encoding.below = {self.below:g}: give 1 to {_EXPONENTS[-1]:g}")
+
+
+class LightEncoding:
+    """The encoding of one camera. gamma: light is the grey level to this power; None while nothing else is known."""
+
+    def __init__(self, config: EncodingConfig) -> None:
+        self.config = config
+        self.gamma: float | None = None
+        self._bent, self._count = np.zeros(len(_EXPONENTS)), 0.0
+
+    @property
+    def told(self) -> float | None:
+        """The exponent with which smears are straight, from 1 to 2.2; None where too few were seen."""
+        if self._count < self.config.evidence:
+            return None
+        # The higher the exponent the more the dark end is straightened, and bent the other way in the end.
+        return float(np.interp(0.0, -self._bent / self._count, _EXPONENTS))
+
+    def learn(self, patch: ImagePatch, points: FloatArray, normals: FloatArray, smear_px: FloatArray) -> None:
+        """Take in a solved frame.
+
+        Args:
+            points: (n, 2) px, full image, where edges were found; normals: (n, 2) unit.
+            smear_px: (n,) over which motion smears them along these.
+        """
+        config = self.config
+        rows = np.flatnonzero((smear_px >= config.least_px) & (smear_px <= _MOST_PX))
+        if not len(rows):
+            return
+        rows = rows[:: -(-len(rows) // _MOST_EDGES)]
+        bent = np.zeros(len(_EXPONENTS))
+        seen = _add_up_bends(
+            patch.channels, plain(points[rows] - patch.origin), plain(normals[rows]), smear_px[rows], _EXPONENTS, bent
+        )
+        self._bent = config.memory * self._bent + bent
+        self._count = config.memory * self._count + seen
+        if (told := self.told) is not None:
+            limit = config.below + (0.0 if self.gamma is None else _HYSTERESIS)
+            self.gamma = round(told, _DECIMALS) if told < limit else None
+
+
+@kernel("i8(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[::1])")
+def _add_up_bends(
+    channels: Float32Array, points: FloatArray, normals: FloatArray, smear_px: FloatArray, exponents: FloatArray,
+    bent: FloatArray,
+) -> int:  # fmt: skip
+    """Add to bent (k,), for each of exponents (k,), by how much n smears are bent; returns how many showed it.
+
+    Bent: how much farther three quarters of the step are from its half than that from a quarter, as a share of both.
+    channels: see `edge_search_kernel.strongest_peaks`, of which points (n, 2) px count from the first pixel on.
+    """
+    longest = 0.0
+    for i in range(len(points)):
+        longest = max(longest, smear_px[i])
+    room = int(0.5 * longest + 1.0) + _ROOM_PX
+    profile, light = np.empty((3, 2 * room + 1), np.float32), np.empty(2 * room + 1)
+    greys, quarters, seen = profile[2], np.empty(3), 0
+    for i in range(len(points)):
+        nx, ny = normals[i, 0], normals[i, 1]
+        reach = int(0.5 * smear_px[i] + 1.0) + _ROOM_PX
+        count = 2 * reach + 1
+        read_profile(channels, points[i, 0] - room * nx, points[i, 1] - room * ny, nx, ny, profile)
+        start, step = room - reach, 1
+        if greys[room + reach] < greys[room - reach]:
+            start, step = room + reach, -1
+        end = start + step * (count - 1)
+        low, high = greys[start], greys[end]
+        rise = high - low
+        if rise < _LEAST_STEP or low < _BLACK or high > _WHITE:
+            continue
+        still = max(abs(greys[start + step] - low), abs(high - greys[end - step]))
+        back = 0.0
+        for k in range(count - 1):
+            back = max(back, greys[start + k * step] - greys[start + (k + 1) * step])
+        if still > _STILL * rise or back > _BACK * rise:
+            continue
+        # Half of the step takes half of the smear, and a little more as the lens blurs it; else it is another edge's.
+        quarter, three = 0, 0
+        for k in range(count):
+            grey = greys[start + k * step] - low
+            quarter, three = quarter + (grey < 0.25 * rise), three + (grey < 0.75 * rise)
+        if not _SHORTEST * smear_px[i] - 1.0 <= three - quarter <= _LONGEST * smear_px[i] + 1.0:
+            continue
+        seen += 1
+        for j in range(len(exponents)):
+            for k in range(count):
+                light[k] = greys[start + k * step] ** exponents[j]
+            lowest, whole, place = light[0], light[count - 1] - light[0], 0
+            for quarter in range(3):
+                level = lowest + 0.25 * (quarter + 1) * whole
+                while light[place + 1] < level:
+                    place += 1
+                quarters[quarter] = place + (level - light[place]) / max(light[place + 1] - light[place], 1e-12)
+            both = quarters[2] - quarters[0]
+            bent[j] += (quarters[2] + quarters[0] - 2.0 * quarters[1]) / max(both, 0.5)
+    return seen
