@@ -24,8 +24,9 @@ from acp_lab.tracking.stopwatch import Stopwatch
 
 # Where no more than a tenth of the edges is smeared by more, or is shown farther off, the first measurement stands.
 _SMEARED_PX, _SHOWN_OFF_PX, _SHARE = 3.0, 0.5, 0.1
-# So many frames it is kept for, for a readout: then the offsets have followed what was seen.
-_FRAMES = 12
+# So many frames it is kept for, for a readout: then the offsets have followed what was seen. Of light they cannot
+# follow it: the pose is off as much.
+_FRAMES, _LIGHT_FRAMES = 12, 60
 # By how much a readout must have become another to be news.
 _NEWS = 0.1
 
@@ -56,11 +57,13 @@ class FirstFrame:
         smear_is_new = smear_is_known and not self._smear_was_known
         readout = np.zeros(2) if knowledge.readout is None else knowledge.readout
         light_is_new, self._gamma = knowledge.gamma != self._gamma, knowledge.gamma
-        if smear_is_new or light_is_new or np.abs(readout - self._readout).max() > _NEWS:
+        is_shown_elsewhere = self._age <= _FRAMES and np.abs(readout - self._readout).max() > _NEWS
+        if smear_is_new or light_is_new or is_shown_elsewhere:
             self._look_again(solver, smear_is_new, light_is_new, readout, clock)
         self._smear_was_known = smear_is_known
-        waits = knowledge.shutter is not None or knowledge.encoding is not None
-        return not smear_is_known or (waits and self._age < _FRAMES)
+        waits = knowledge.shutter is not None and self._age < _FRAMES
+        waits_for_light = knowledge.encoding is not None and self._age < _LIGHT_FRAMES
+        return not smear_is_known or waits or waits_for_light
 
     def _look_again(
         self, solver: FrameSolver, smear_is_new: bool, light_is_new: bool, readout: FloatArray, clock: Stopwatch

@@ -36,7 +36,7 @@ _BACK, _STILL = 0.06, 0.1
 _SHORTEST, _LONGEST = 0.35, 0.75
 # An encoding that is told twice to one decimal place is the same.
 _DECIMALS = 1
-_HYSTERESIS = 0.1
+_HYSTERESIS = 0.15
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class EncodingConfig:
     least_px: float = 3.0
     evidence: float = 200.0
     memory: float = 0.98
-    below: float = 1.2
+    below: float = 1.15
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.least_px <= _MOST_PX:
