@@ -11,6 +11,7 @@ Shum, Radiometric calibration from a single image, 2004.)
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,8 +23,9 @@ from acp_lab.geometry.arrays import Float32Array, FloatArray, plain
 from acp_lab.imaging.edge_search import ImagePatch
 from acp_lab.imaging.edge_search_kernel import read_profile
 
-# From light as it is to what no camera exceeds by much.
-_EXPONENTS = np.array([1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.2])
+# With which smears are straightened; between the two, and somewhat beyond, they are bent in proportion.
+_EXPONENTS = np.array([1.0, 1.8])
+_LEAST_TOLD, _MOST_TOLD = 0.5, 3.0
 # So many edges of a frame are enough, of smears that are not longer, px: on its way a longer one meets other things.
 _MOST_EDGES, _MOST_PX = 80, 16.0
 # Beside the smear, px: the lens blurs its ends.
@@ -34,6 +36,7 @@ _LEAST_STEP, _BLACK, _WHITE = 25.0, 6.0, 245.0
 _BACK, _STILL = 0.06, 0.1
 # Of a smear, px of it that half of the step may take at least and at most, but for the lens.
 _SHORTEST, _LONGEST = 0.35, 0.75
+_MOST_WEIGHT = 1.5
 # An encoding that is told twice to one decimal place is the same.
 _DECIMALS = 1
 _HYSTERESIS = 0.15
@@ -46,7 +49,7 @@ class EncodingConfig:
     Attributes:
         least_px: edges that motion smears by less say nothing.
         evidence: edges that must have been seen before what they say is believed.
-        memory: share of the evidence that is kept from frame to frame.
+        frames: the last that showed some, of which the median counts: in single frames something else bends them all.
         below: an exponent is believed where it is less; cameras that encode light for displays are taken to do so by
             the search's own (`SearchConfig.gamma`).
     """
@@ -54,18 +57,18 @@ class EncodingConfig:
     kind: ClassVar[str] = "on"
     least_px: float = 3.0
     evidence: float = 200.0
-    memory: float = 0.98
-    below: float = 1.15
+    frames: int = 60
+    below: float = 1.25
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.least_px <= _MOST_PX:
             raise TrackingError(f"learning.encoding.least_px = {self.least_px:g}: give 1 to {_MOST_PX:g} px")
         if not 1.0 <= self.evidence < float("inf"):
             raise TrackingError(f"learning.encoding.evidence = {self.evidence:g}: give 1 or more")
-        if not 0.0 <= self.memory < 1.0:
-            raise TrackingError(f"learning.encoding.memory = {self.memory:g}: give 0 to less than 1")
-        if not 1.0 <= self.below <= _EXPONENTS[-1]:
-            raise TrackingError(f"learning.encoding.below = {self.below:g}: give 1 to {_EXPONENTS[-1]:g}")
+        if not 1 <= self.frames <= 10_000:
+            raise TrackingError(f"learning.encoding.frames = {self.frames}: give 1 to 10000")
+        if not 1.0 <= self.below <= _MOST_TOLD:
+            raise TrackingError(f"learning.encoding.below = {self.below:g}: give 1 to {_MOST_TOLD:g}")
 
 
 class LightEncoding:
@@ -74,15 +77,16 @@ class LightEncoding:
     def __init__(self, config: EncodingConfig) -> None:
         self.config = config
         self.gamma: float | None = None
-        self._bent, self._count = np.zeros(len(_EXPONENTS)), 0.0
+        self._told = deque[tuple[float, int]](maxlen=config.frames)
 
     @property
     def told(self) -> float | None:
-        """The exponent with which smears are straight, from 1 to 2.2; None where too few were seen."""
-        if self._count < self.config.evidence:
+        """The exponent with which smears are straight; None where too few were seen."""
+        told, edges = np.array(self._told).reshape(-1, 2).T
+        if edges.sum() < self.config.evidence:
             return None
-        # The higher the exponent the more the dark end is straightened, and bent the other way in the end.
-        return float(np.interp(0.0, -self._bent / self._count, _EXPONENTS))
+        order = told.argsort()
+        return float(told[order][np.searchsorted(edges[order].cumsum(), 0.5 * edges.sum())])
 
     def learn(self, patch: ImagePatch, points: FloatArray, normals: FloatArray, smear_px: FloatArray) -> None:
         """Take in a solved frame.
@@ -100,11 +104,15 @@ class LightEncoding:
         seen = _add_up_bends(
             patch.channels, plain(points[rows] - patch.origin), plain(normals[rows]), smear_px[rows], _EXPONENTS, bent
         )
-        self._bent = config.memory * self._bent + bent
-        self._count = config.memory * self._count + seen
+        if not seen:
+            return
+        # The higher the exponent the more the dark end is straightened, and bent the other way in the end.
+        low, high = _EXPONENTS
+        told = low + (high - low) * bent[0] / max(bent[0] - bent[1], 1e-9)
+        self._told.append((min(max(told, _LEAST_TOLD), _MOST_TOLD), seen))
         if (told := self.told) is not None:
             limit = config.below + (0.0 if self.gamma is None else _HYSTERESIS)
-            self.gamma = round(told, _DECIMALS) if told < limit else None
+            self.gamma = max(round(told, _DECIMALS), 1.0) if told < limit else None
 
 
 @kernel("i8(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[::1])")
@@ -150,6 +158,8 @@ def _add_up_bends(
         if not _SHORTEST * smear_px[i] - 1.0 <= three - quarter <= _LONGEST * smear_px[i] + 1.0:
             continue
         seen += 1
+        # The exponent bends a step the more the brighter one side is than the other.
+        weight = min(np.log(high / low), _MOST_WEIGHT)
         for j in range(len(exponents)):
             for k in range(count):
                 light[k] = greys[start + k * step] ** exponents[j]
@@ -160,5 +170,5 @@ def _add_up_bends(
                     place += 1
                 quarters[quarter] = place + (level - light[place]) / max(light[place + 1] - light[place], 1e-12)
             both = quarters[2] - quarters[0]
-            bent[j] += (quarters[2] + quarters[0] - 2.0 * quarters[1]) / max(both, 0.5)
+            bent[j] += weight * (quarters[2] + quarters[0] - 2.0 * quarters[1]) / max(both, 0.5)
     return seen

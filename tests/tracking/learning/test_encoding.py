@@ -59,6 +59,14 @@ def test_cameras_that_encode_for_displays_stay_what_the_search_takes_them_for(ex
     assert learnt(smeared(exponent)).gamma is None
 
 
+def test_a_few_frames_in_which_something_else_bends_the_smears_do_not_matter() -> None:
+    encoding, (points, normals) = learnt(smeared(2.0)), edges()
+    for _ in range(10):
+        encoding.learn(smeared(0.7), points, normals, np.full(len(points), SMEAR_PX))
+    assert encoding.told == pytest.approx(2.0, abs=0.2)
+    assert encoding.gamma is None
+
+
 def test_few_edges_are_not_believed() -> None:
     encoding = learnt(smeared(1.0), frames=5)
     assert encoding.told is None
@@ -106,7 +114,7 @@ def test_the_kernel_is_its_numpy_twin() -> None:
     seen = _add_up_bends(patch.channels, points, normals, smear_px, _EXPONENTS, bent)
     rows = [row for i in range(len(points)) if (row := bends(patch, points[i], smear_px[i])) is not None]
     assert seen == len(rows) > 6
-    np.testing.assert_allclose(bent, np.sum(rows, axis=0), rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(bent, np.sum(rows, axis=0), rtol=1e-2, atol=5e-3)
 
 
 def bends(patch: ImagePatch, point: FloatArray, smear_px: float) -> FloatArray | None:
@@ -130,13 +138,13 @@ def bends(patch: ImagePatch, point: FloatArray, smear_px: float) -> FloatArray |
         share = (light - light[0]) / (light[-1] - light[0])
         first, half, three = np.interp([0.25, 0.5, 0.75], share + 1e-12 * np.arange(len(share)), np.arange(len(share)))
         found.append((three + first - 2.0 * half) / (three - first))
-    return np.array(found)
+    return min(np.log(greys[-1] / greys[0]), 1.5) * np.array(found)
 
 
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ({"least_px": 0.5}, "least_px = 0.5"), ({"evidence": 0.0}, "evidence = 0"), ({"memory": 1.0}, "memory = 1"),
+        ({"least_px": 0.5}, "least_px = 0.5"), ({"evidence": 0.0}, "evidence = 0"), ({"frames": 0}, "frames = 0"),
         ({"below": 0.9}, "below = 0.9"),
     ],
 )  # fmt: skip
