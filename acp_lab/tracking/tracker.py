@@ -137,10 +137,10 @@ class Tracker:
 
     @property
     def gamma(self) -> float | None:
-        """The exponent by which the camera seems to encode light: light is the grey level to this power.
+        """1.0 where the camera seems to store light as it is: light is the grey level to this power.
 
-        1.0 for a camera that stores light as it is. None while no other was seen than the method expects
-        (`SearchConfig.gamma`): moving edges have to show it.
+        None for a camera that encodes light for displays, as the method expects (`SearchConfig.gamma`), and as long as
+        no moving edges told.
         """
         return self.solver.knowledge.gamma
 

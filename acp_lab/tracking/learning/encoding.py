@@ -36,9 +36,11 @@ _LEAST_STEP, _BLACK, _WHITE = 25.0, 6.0, 245.0
 _BACK, _STILL = 0.06, 0.1
 # Of a smear, px of it that half of the step may take at least and at most, but for the lens.
 _SHORTEST, _LONGEST = 0.35, 0.75
+# By how much brighter, as a logarithm, the one side counts at most.
 _MOST_WEIGHT = 1.5
-# An encoding that is told twice to one decimal place is the same.
-_DECIMALS = 1
+AS_IT_IS = 1.0
+"""The exponent of a camera that stores light as it is."""
+# A camera that was taken for one is so until its smears tell more than this beyond `EncodingConfig.below`.
 _HYSTERESIS = 0.15
 
 
@@ -50,8 +52,8 @@ class EncodingConfig:
         least_px: edges that motion smears by less say nothing.
         evidence: edges that must have been seen before what they say is believed.
         frames: the last that showed some, of which the median counts: in single frames something else bends them all.
-        below: an exponent is believed where it is less; cameras that encode light for displays are taken to do so by
-            the search's own (`SearchConfig.gamma`).
+        below: a camera of which a lower exponent is told stores light as it is; others encode it for displays, which
+            they all do much alike (`SearchConfig.gamma`).
     """
 
     kind: ClassVar[str] = "on"
@@ -72,7 +74,7 @@ class EncodingConfig:
 
 
 class LightEncoding:
-    """The encoding of one camera. gamma: light is the grey level to this power; None while nothing else is known."""
+    """The encoding of one camera. gamma: light is the grey level to this power: 1, or None for what the search says."""
 
     def __init__(self, config: EncodingConfig) -> None:
         self.config = config
@@ -112,7 +114,7 @@ class LightEncoding:
         self._told.append((min(max(told, _LEAST_TOLD), _MOST_TOLD), seen))
         if (told := self.told) is not None:
             limit = config.below + (0.0 if self.gamma is None else _HYSTERESIS)
-            self.gamma = max(round(told, _DECIMALS), 1.0) if told < limit else None
+            self.gamma = AS_IT_IS if told < limit else None
 
 
 @kernel("i8(f4[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[::1])")

@@ -245,7 +245,7 @@ class SampleKnowledge:
 
     @property
     def gamma(self) -> float | None:
-        """The exponent by which the camera encodes light, see `LightEncoding`; None where nobody knows better."""
+        """Light is the grey level to this power, see `LightEncoding`; None for what the search takes it to be."""
         return None if self.encoding is None else self.encoding.gamma
 
     @property
