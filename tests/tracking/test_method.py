@@ -298,7 +298,7 @@ def test_losses_and_learning_that_are_none_are_refused() -> None:
     with pytest.raises(TrackingError, match=r"loss form printed: eq\. 6 has a pole at D = alpha"):
         DistanceMap("printed")
     with pytest.raises(TrackingError, match=r"are off: give learning\.kind"):
-        SampleLearning(Off(), Off(), Off(), Off(), Off(), Off(), Off(), Off())
+        SampleLearning(Off(), Off(), Off(), Off(), Off(), Off(), Off(), Off(), Off())
     with pytest.raises(TrackingError, match=r"^targets\.plain_share = 2: give a share from 0 to 1$"):
         NormalSearch(plain_share=2.0)
     for kind in (DistanceMap, NormalSearch, RegionLines):
