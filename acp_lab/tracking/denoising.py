@@ -23,7 +23,7 @@ from acp_lab.geometry.arrays import ByteImage
 from acp_lab.imaging.noise import noise_levels
 from acp_lab.sequences.frame import Frame
 
-# A narrower Gaussian leaves a picture as it is.
+# A narrower Gaussian would change next to nothing.
 _LEAST_PX = 0.2
 
 
@@ -32,11 +32,12 @@ class Denoising:
     """Configuration: which pictures are smoothed, and how much.
 
     Attributes:
-        above: noise, grey levels (see `imaging.noise`), up to which pictures are seen as they are.
+        above: noise, grey levels (see `imaging.noise`), up to which pictures are seen as they are, and where they are
+            hardly any noisier.
         full: noise from which on they are smoothed by most_px; between the two the Gaussian's variance grows evenly.
         most_px: standard deviation of the widest Gaussian.
         pictures: the last that were asked, of whose noise the median counts.
-        every: one picture in so many is asked, once there are as many.
+        every: one picture in so many is asked, once there are as many; each where the last said otherwise.
     """
 
     kind: ClassVar[str] = "gaussian"
@@ -52,8 +53,8 @@ class Denoising:
                 f"denoising.above = {self.above:g}, full = {self.full:g}: give grey levels, the first from 0, the "
                 "second more, up to 255"
             )
-        if not 0.0 < self.most_px <= 50.0:
-            raise TrackingError(f"denoising.most_px = {self.most_px:g}: give px above 0, at most 50")
+        if not _LEAST_PX <= self.most_px <= 50.0:
+            raise TrackingError(f"denoising.most_px = {self.most_px:g}: give px from {_LEAST_PX:g} to 50")
         for name in ("pictures", "every"):
             value = getattr(self, name)
             if not 1 <= value <= 1000:
@@ -62,7 +63,8 @@ class Denoising:
     def blur_px(self, noise: float) -> float:
         """Standard deviation of the Gaussian for a picture with so much noise, grey levels; 0 for none."""
         share = (noise - self.above) / (self.full - self.above)
-        return self.most_px * math.sqrt(min(max(share, 0.0), 1.0))
+        blur_px = self.most_px * math.sqrt(min(max(share, 0.0), 1.0))
+        return blur_px if blur_px >= _LEAST_PX else 0.0
 
 
 class NoiseFilter:
@@ -79,21 +81,23 @@ class NoiseFilter:
     def forget(self) -> None:
         """Before a new track."""
         self._levels.clear()
-        self._frames, self.blur_px = 0, 0.0
+        self._frames, self._is_unsure, self.blur_px = 0, True, 0.0
 
     def smoothed(self, frame: Frame) -> Frame:
         """The frame as it is to be seen, whose noise counts from now on."""
         self._frames += 1
-        if len(self._levels) < self.config.pictures or self._frames % self.config.every == 0:
-            levels = noise_levels(frame.image)
-            if levels is not None:
-                self._levels.append(levels)
+        if self._is_unsure or self._frames % self.config.every == 0:
+            noise = noise_levels(frame.image)
+            if noise is not None:
+                self._levels.append(noise)
                 self.blur_px = self.config.blur_px(median(self._levels))
+                says_otherwise = (self.config.blur_px(noise) > 0.0) != (self.blur_px > 0.0)
+                self._is_unsure = len(self._levels) < self.config.pictures or says_otherwise
         return self.preview(frame)
 
     def preview(self, frame: Frame) -> Frame:
-        """The frame as it would be seen; changes nothing."""
-        return frame if self.blur_px < _LEAST_PX else replace(frame, image=_smooth(frame.image, self.blur_px))
+        """The frame as one is seen by what the last ones told of their noise; changes nothing."""
+        return frame if self.blur_px == 0.0 else replace(frame, image=_smooth(frame.image, self.blur_px))
 
 
 def _smooth(image: ByteImage, blur_px: float) -> ByteImage:

@@ -4,8 +4,8 @@ its greys mean light.
 Offsets of edges are measured in the first frame, where the pose is known best. What the part moves and for how long
 the shutter is open nobody knows then, nor how the camera encodes light. Where edges are smeared, what is taken for
 their offsets may be any place in the smear, in light that is taken for another it is not its middle, and where the
-image was read row by row, they are shown elsewhere. The second frame tells the motion, a few fast edges the shutter and
-the encoding, and with these the first image is read again.
+image was read row by row, they are shown elsewhere. The second frame tells the motion, a few fast edges the shutter,
+some hundred the encoding, and with these the first image is read again.
 (Not in the paper; see docs/paper-ledger.md.)
 """
 
@@ -24,9 +24,9 @@ from acp_lab.tracking.stopwatch import Stopwatch
 
 # Where no more than a tenth of the edges is smeared by more, or is shown farther off, the first measurement stands.
 _SMEARED_PX, _SHOWN_OFF_PX, _SHARE = 3.0, 0.5, 0.1
-# So many frames it is kept for, for a readout: then the offsets have followed what was seen. Of light they cannot
-# follow it: the pose is off as much.
-_FRAMES, _LIGHT_FRAMES = 12, 60
+# So many frames it waits for a readout: then the offsets have followed what was seen. Of light they cannot follow it:
+# measured with another encoding, they contradict what is seen with the right one.
+_FRAMES = 12
 # By how much a readout must have become another to be news.
 _NEWS = 0.1
 
@@ -38,32 +38,38 @@ class FirstFrame:
         self._frame = frame.to_keep()
         self._cam_T_obj, self._region = cam_T_obj, region
         self._motion: FloatArray | None = None
-        self._age = 0
+        self._age, self._since = 0, 0
+        # Whether every frame was seen since: over a gap the next one tells another motion.
+        self._is_whole = True
+        self._waits_for_shutter = True
         self._smear_was_known = False
         self._readout = np.zeros(2)
         self._gamma: float | None = None
 
-    def measure_again(self, solver: FrameSolver, cam_T_obj: FloatArray, clock: Stopwatch) -> bool:
-        """Measure its offsets again if more is known of the shutter by now; whether it is still to be kept.
+    def next_frame(self) -> None:
+        """Another frame comes, whether it shows the part or not."""
+        self._since += 1
 
-        cam_T_obj: (4, 4) the pose in the frame after; at the first call this is the second frame, which tells the
-            motion.
+    def measure_again(self, solver: FrameSolver, cam_T_obj: FloatArray, clock: Stopwatch) -> bool:
+        """Measure its offsets again if more is known of the camera by now; whether it is still to be kept.
+
+        cam_T_obj: (4, 4) the pose in the frame that came, which teaches; that of the second frame tells the motion.
         """
-        knowledge, pose = solver.knowledge, self._cam_T_obj
-        if self._motion is None:
-            self._motion = pose_step_between(pose, cam_T_obj, solver.part.box_centre)
+        knowledge = solver.knowledge
+        self._is_whole, self._since = self._is_whole and self._since == 1, 0
         self._age += 1
-        smear_is_known = knowledge.blur is None or knowledge.blur.share > 0.0
-        smear_is_new = smear_is_known and not self._smear_was_known
-        readout = np.zeros(2) if knowledge.readout is None else knowledge.readout
-        light_is_new, self._gamma = knowledge.gamma != self._gamma, knowledge.gamma
-        is_shown_elsewhere = self._age <= _FRAMES and np.abs(readout - self._readout).max() > _NEWS
-        if smear_is_new or light_is_new or is_shown_elsewhere:
+        smear_is_new, readout = False, self._readout
+        if self._is_whole and self._waits_for_shutter:
+            if self._motion is None:
+                self._motion = pose_step_between(self._cam_T_obj, cam_T_obj, solver.part.box_centre)
+            smear_is_known = knowledge.blur is None or knowledge.blur.share > 0.0
+            smear_is_new, self._smear_was_known = smear_is_known and not self._smear_was_known, smear_is_known
+            readout = np.zeros(2) if knowledge.readout is None else knowledge.readout
+            self._waits_for_shutter = not smear_is_known or (knowledge.shutter is not None and self._age < _FRAMES)
+        light_is_new = knowledge.gamma != self._gamma
+        if smear_is_new or light_is_new or np.abs(readout - self._readout).max() > _NEWS:
             self._look_again(solver, smear_is_new, light_is_new, readout, clock)
-        self._smear_was_known = smear_is_known
-        waits = knowledge.shutter is not None and self._age < _FRAMES
-        waits_for_light = knowledge.encoding is not None and self._age < _LIGHT_FRAMES
-        return not smear_is_known or waits or waits_for_light
+        return (self._is_whole and self._waits_for_shutter) or knowledge.encoding is not None
 
     def _look_again(
         self, solver: FrameSolver, smear_is_new: bool, light_is_new: bool, readout: FloatArray, clock: Stopwatch
@@ -73,6 +79,7 @@ class FirstFrame:
         seen = solver.look(frame.image, frame.camera, pose, self._region, motion=self._motion)
         if seen is None:
             return
+        self._gamma = knowledge.gamma
         at = seen.view.at_pose(pose)
         edges = solver.source.generate(at, LOOK_LEVEL.samples)
         points_obj = knowledge.edges.points_obj[edges.sample_ids]

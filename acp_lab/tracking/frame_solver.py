@@ -23,6 +23,7 @@ from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.edge_breaks import BrokenEdges, into_material
 from acp_lab.tracking.frame_view import Box, Estimate, FrameView, crop_box
+from acp_lab.tracking.learning.encoding import AS_IT_IS
 from acp_lab.tracking.learning.knowledge import Off, SampleKnowledge
 from acp_lab.tracking.magnification import MagnifyingGlass, appears_px
 from acp_lab.tracking.method import Method, Schedule
@@ -36,6 +37,7 @@ from acp_lab.tracking.solvers import Problem, WeightedMeasure, minimise
 from acp_lab.tracking.sources.lift import EdgeLifter
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.targets import Measure
+from acp_lab.tracking.targets.normals import NormalSearch
 
 # Fewer edge points than this cannot fix six degrees of freedom with any safety.
 MIN_EDGES = 12
@@ -78,6 +80,9 @@ class FrameSolver:
         """Nothing is known of the edge samples, nor how large the part appears."""
         self.glass.put_away()
         self.knowledge = SampleKnowledge(self.method.learning, self._model)
+        searches = [target.search for target in self.method.targets if isinstance(target, NormalSearch)]
+        if all(search.gamma <= AS_IT_IS for search in searches):
+            self.knowledge.encoding = None  # who was told need not learn it
         self._memories = tuple(target.memory(self._model) for target in self.method.targets)
 
     def magnify(self, camera: Camera, cam_T_obj: FloatArray) -> None:

@@ -212,8 +212,8 @@ class Tracker:
         begin_s, clock = time.perf_counter(), Stopwatch()
         pursuit, whereabouts = self._pursuit, self._whereabouts
         self.solver.records_steps = self.records_steps
-        # Kept as long as every frame is seen: over a gap it would tell another motion.
-        first, self._first = self._first, None
+        if self._first is not None:
+            self._first.next_frame()
         step = self._times.step_to(frame)
         pursuit.predictor.elapse(step)
         whereabouts.next_frame()
@@ -264,7 +264,7 @@ class Tracker:
                 self._camera.found(solution.cam_T_obj, frame.camera)
         if whereabouts.may_teach:
             self._learn(frame, solution, clock)
-            self._measure_again(first, solution.cam_T_obj, clock)
+            self._measure_again(solution.cam_T_obj, clock)
         elif not whereabouts.is_lost:
             pursuit.remember(frame, solution.cam_T_obj)
         if not whereabouts.is_lost:
@@ -447,11 +447,12 @@ class Tracker:
             self._pursuit.remember(frame, solution.cam_T_obj)
         clock.learn_s += clock.lap()
 
-    def _measure_again(self, first: FirstFrame | None, cam_T_obj: FloatArray, clock: Stopwatch) -> None:
-        """The first frame, once it is known how motion smeared its edges."""
-        if first is not None:
+    def _measure_again(self, cam_T_obj: FloatArray, clock: Stopwatch) -> None:
+        """The first frame, once more is known of the camera."""
+        if self._first is not None:
             clock.lap()
-            self._first = first if first.measure_again(self.solver, cam_T_obj, clock) else None
+            if not self._first.measure_again(self.solver, cam_T_obj, clock):
+                self._first = None
             clock.learn_s += clock.lap()
 
     def _result(

@@ -63,6 +63,18 @@ def test_one_picture_among_others_decides_nothing() -> None:
     assert sieve.blur_px > 0.5
 
 
+def test_a_camera_that_turns_up_its_gain_is_noticed_within_some_frames() -> None:
+    sieve, clean, grainy = NoiseFilter(Denoising()), frames(1)[0], frames(1, NOISY)[0]
+    for _ in range(30):
+        sieve.smoothed(clean)
+    for _ in range(14):
+        last = sieve.smoothed(grainy)
+    assert last is not grainy
+    for _ in range(14):
+        last = sieve.smoothed(clean)
+    assert last is clean
+
+
 def test_a_preview_changes_nothing() -> None:
     sieve, (first, second) = NoiseFilter(Denoising()), frames(2, NOISY)
     assert sieve.preview(first) is first
@@ -82,7 +94,7 @@ def test_a_new_track_knows_nothing_of_the_last_ones_noise() -> None:
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ({"above": 9.0}, "above = 9"), ({"full": 256.0}, "full = 256"), ({"most_px": 0.0}, "most_px = 0"),
+        ({"above": 9.0}, "above = 9"), ({"full": 256.0}, "full = 256"), ({"most_px": 0.1}, "most_px = 0.1"),
         ({"pictures": 0}, "pictures = 0"), ({"every": 0}, "every = 0"), ({"above": float("nan")}, "above = nan"),
     ],
 )  # fmt: skip

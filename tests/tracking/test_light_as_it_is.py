@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,18 +10,18 @@ import pytest
 
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import move_pose
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
-from acp_lab.tracking.method import ACP, Method
-from acp_lab.tracking.targets.normals import NormalTarget
+from acp_lab.tracking.method import Method
+from acp_lab.tracking.targets.normals import NormalSearch, NormalTarget
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
-from tests.tracking.rendered import CAMERA, add_percent, draw, prepared
+from tests.tracking.rendered import AS_DRAWN, CAMERA, add_percent, draw, prepared
 
 PART = bracket()
 MODEL = prepared(PART)
 START = looking_at(PART, np.array([1.0, 0.5, 0.4]), 260.0, 0.4)
-COUNT, MOMENTS, OPEN = 16, 9, 0.6
+COUNT, MOMENTS, OPEN = 24, 9, 0.6
 SWING_MM, SWING_FRAMES = np.array([9.0, 16.0, 5.0]), np.array([17.0, 13.0, 19.0])
 DISPLAY = 2.2
 
@@ -49,41 +50,61 @@ def stored(light: list[FloatArray], exponent: float) -> list[Frame]:
     return [Frame(number, grey, CAMERA) for number, grey in enumerate(greys)]
 
 
-def follow(frames: list[Frame], method: Method) -> tuple[Tracker, list[float]]:
+def follow(frames: Sequence[Frame | UnreadableFrame], method: Method) -> tuple[Tracker, list[float]]:
     """The tracker, and ADD in percent of the diameter, of all frames but the first."""
     tracker = Tracker(MODEL, method)
+    assert isinstance(frames[0], Frame)
     tracker.start(frames[0], at_time(0.0))
     results = [tracker.track(frame) for frame in frames[1:]]
     return tracker, [add_percent(PART, result.cam_T_obj, at_time(result.frame_id)) for result in results]
 
 
-def unasked() -> Method:
-    assert isinstance(ACP.learning, SampleLearning)
-    return replace(ACP, learning=replace(ACP.learning, encoding=Off()))
+def unasked(method: Method = AS_DRAWN) -> Method:
+    assert isinstance(method.learning, SampleLearning)
+    return replace(method, learning=replace(method.learning, encoding=Off()))
 
 
 def test_light_that_is_stored_as_it_is_is_learnt(light: list[FloatArray]) -> None:
     frames = stored(light, 1.0)
-    tracker, errors = follow(frames, ACP)
-    assert tracker.gamma == pytest.approx(1.0, abs=0.11)
+    tracker, errors = follow(frames, AS_DRAWN)
+    assert tracker.gamma == 1.0
+    assert np.mean(errors[10:]) < 0.8 * np.mean(follow(frames, unasked())[1][10:])
     seen = tracker.look(frames[-1], tracker.predicted)
     assert seen is not None
     target = seen.targets[0]
     assert isinstance(target, NormalTarget)
     assert target.patch.gamma == tracker.gamma
-    assert max(errors) < 5.0
 
 
 def test_light_that_is_encoded_for_displays_is_what_it_was(light: list[FloatArray]) -> None:
     frames = stored(light, DISPLAY)
-    tracker, errors = follow(frames, ACP)
+    tracker, errors = follow(frames, AS_DRAWN)
     assert tracker.gamma is None
     assert errors == follow(frames, unasked())[1]
 
 
 def test_a_new_track_begins_without_it(light: list[FloatArray]) -> None:
     frames = stored(light, 1.0)
-    tracker, _ = follow(frames, ACP)
+    tracker, _ = follow(frames, AS_DRAWN)
     assert tracker.gamma is not None
     tracker.start(frames[0], at_time(0.0))
     assert tracker.gamma is None
+
+
+@pytest.mark.parametrize("missing", [[2], [3, 4], [1]])
+def test_the_first_frame_is_measured_again_across_gaps(light: list[FloatArray], missing: list[int]) -> None:
+    frames = stored(light, 1.0)
+    given = [UnreadableFrame(f.index, CAMERA, "damaged") if f.index in missing else f for f in frames]
+    tracker, errors = follow(given, AS_DRAWN)
+    assert tracker.gamma == 1.0
+    assert np.mean(errors[10:]) < 0.8 * np.mean(follow(given, unasked())[1][10:])
+
+
+def test_a_tracker_that_was_told_does_not_learn_it(light: list[FloatArray]) -> None:
+    target = AS_DRAWN.targets[0]
+    assert isinstance(target, NormalSearch)
+    told = replace(AS_DRAWN, targets=(replace(target, search=replace(target.search, gamma=1.0)), *AS_DRAWN.targets[1:]))
+    frames = stored(light, 1.0)
+    tracker, errors = follow(frames, told)
+    assert tracker.gamma is None
+    assert errors == follow(frames, unasked(told))[1]

@@ -26,6 +26,8 @@ from acp_lab.imaging.edge_search_kernel import read_profile
 # With which smears are straightened; between the two, and somewhat beyond, they are bent in proportion.
 _EXPONENTS = np.array([1.0, 1.8])
 _LEAST_TOLD, _MOST_TOLD = 0.5, 3.0
+# By less on average, and a frame tells nothing.
+_LEAST_STRAIGHTENED = 1e-3
 # So many edges of a frame are enough, of smears that are not longer, px: on its way a longer one meets other things.
 _MOST_EDGES, _MOST_PX = 80, 16.0
 # Beside the smear, px: the lens blurs its ends.
@@ -50,7 +52,7 @@ class EncodingConfig:
 
     Attributes:
         least_px: edges that motion smears by less say nothing.
-        evidence: edges that must have been seen before what they say is believed.
+        evidence: edges that the last frames must have shown before what they say is believed.
         frames: the last that showed some, of which the median counts: in single frames something else bends them all.
         below: a camera of which a lower exponent is told stores light as it is; others encode it for displays, which
             they all do much alike (`SearchConfig.gamma`).
@@ -67,14 +69,17 @@ class EncodingConfig:
             raise TrackingError(f"learning.encoding.least_px = {self.least_px:g}: give 1 to {_MOST_PX:g} px")
         if not 1.0 <= self.evidence < float("inf"):
             raise TrackingError(f"learning.encoding.evidence = {self.evidence:g}: give 1 or more")
-        if not 1 <= self.frames <= 10_000:
-            raise TrackingError(f"learning.encoding.frames = {self.frames}: give 1 to 10000")
+        if not self.evidence / _MOST_EDGES <= self.frames <= 10_000:
+            raise TrackingError(
+                f"learning.encoding.frames = {self.frames}: give evidence / {_MOST_EDGES} to 10000, as one shows so many "
+                "edges at most"
+            )
         if not 1.0 <= self.below <= _MOST_TOLD:
             raise TrackingError(f"learning.encoding.below = {self.below:g}: give 1 to {_MOST_TOLD:g}")
 
 
 class LightEncoding:
-    """The encoding of one camera. gamma: light is the grey level to this power: 1, or None for what the search says."""
+    """The encoding of one camera. gamma: light is the grey level to this power, 1; None for what the search says."""
 
     def __init__(self, config: EncodingConfig) -> None:
         self.config = config
@@ -106,11 +111,12 @@ class LightEncoding:
         seen = _add_up_bends(
             patch.channels, plain(points[rows] - patch.origin), plain(normals[rows]), smear_px[rows], _EXPONENTS, bent
         )
-        if not seen:
-            return
         # The higher the exponent the more the dark end is straightened, and bent the other way in the end.
+        straightened = bent[0] - bent[1]
+        if not straightened > _LEAST_STRAIGHTENED * seen:
+            return
         low, high = _EXPONENTS
-        told = low + (high - low) * bent[0] / max(bent[0] - bent[1], 1e-9)
+        told = low + (high - low) * bent[0] / straightened
         self._told.append((min(max(told, _LEAST_TOLD), _MOST_TOLD), seen))
         if (told := self.told) is not None:
             limit = config.below + (0.0 if self.gamma is None else _HYSTERESIS)
@@ -153,11 +159,10 @@ def _add_up_bends(
         if still > _STILL * rise or back > _BACK * rise:
             continue
         # Half of the step takes half of the smear, and a little more as the lens blurs it; else it is another edge's.
-        quarter, three = 0, 0
+        half = 0
         for k in range(count):
-            grey = greys[start + k * step] - low
-            quarter, three = quarter + (grey < 0.25 * rise), three + (grey < 0.75 * rise)
-        if not _SHORTEST * smear_px[i] - 1.0 <= three - quarter <= _LONGEST * smear_px[i] + 1.0:
+            half += 0.25 * rise <= greys[start + k * step] - low < 0.75 * rise
+        if not _SHORTEST * smear_px[i] - 1.0 <= half <= _LONGEST * smear_px[i] + 1.0:
             continue
         seen += 1
         # The exponent bends a step the more the brighter one side is than the other.

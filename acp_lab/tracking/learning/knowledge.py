@@ -65,7 +65,7 @@ class SampleLearning:
         blur: how long the shutter is open, hence how far moving edges are smeared.
         lens: how far edges are blurred that do not move; off, every picture is asked anew.
         shutter: how long the camera takes to read a picture, row by row; off, it reads all at once.
-        encoding: how it encodes light as greys; off, as the search takes it to.
+        encoding: how it encodes light as greys; off, or where blur is, as the search takes it to.
         learn_above: share of the running mean quality below which a frame teaches nothing.
         learn_from_px: how far a part must have moved in the image since the last frame that taught; 0 for nowhere.
         trust_from_sigma_px: offsets and reliability weigh the samples from this sigma downwards; at coarser levels
@@ -223,7 +223,7 @@ class SampleKnowledge:
             self.lens = LensBlur(config.lens)
         if isinstance(config.shutter, ShutterConfig):
             self.shutter = RollingShutter(config.shutter)
-        if isinstance(config.encoding, EncodingConfig):
+        if isinstance(config.encoding, EncodingConfig) and self.blur is not None:
             self.encoding = LightEncoding(config.encoding)
 
     def agreement(self, sample_ids: np.ndarray, candidates: Candidates, scores: FloatArray) -> FloatArray:

@@ -83,9 +83,7 @@ class NormalSearch:
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> NormalTarget:
         """The target of one frame."""
-        gamma = knowledge.gamma
-        # Cameras that were told to store light as it is do so.
-        search = self.search if gamma is None or gamma >= self.search.gamma else replace(self.search, gamma=gamma)
+        search = self.search if knowledge.gamma is None else replace(self.search, gamma=knowledge.gamma)
         patch = image_patch(view.image, view.edge_box, search, knowledge.lens_blur_px)
         return NormalTarget(patch, self, knowledge)
 
