@@ -71,7 +71,7 @@ class EncodingConfig:
             raise TrackingError(f"learning.encoding.evidence = {self.evidence:g}: give 1 or more")
         if not self.evidence / _MOST_EDGES <= self.frames <= 10_000:
             raise TrackingError(
-                f"learning.encoding.frames = {self.frames}: give evidence / {_MOST_EDGES} to 10000, as one shows so many "
+                f"learning.encoding.frames = {self.frames}: give evidence / {_MOST_EDGES} to 10000: one shows so many "
                 "edges at most"
             )
         if not 1.0 <= self.below <= _MOST_TOLD:
