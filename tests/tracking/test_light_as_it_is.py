@@ -21,7 +21,7 @@ from tests.tracking.rendered import AS_DRAWN, CAMERA, add_percent, draw, prepare
 PART = bracket()
 MODEL = prepared(PART)
 START = looking_at(PART, np.array([1.0, 0.5, 0.4]), 260.0, 0.4)
-COUNT, MOMENTS, OPEN = 24, 9, 0.6
+COUNT, MOMENTS, OPEN = 28, 9, 0.6
 SWING_MM, SWING_FRAMES = np.array([9.0, 16.0, 5.0]), np.array([17.0, 13.0, 19.0])
 DISPLAY = 2.2
 
