@@ -91,6 +91,7 @@ class FrameSolver:
             # A part all around the camera is no reason to look at a picture of a few px.
             largest_px = 4.0 * max(camera.width, camera.height)
             self.glass.choose(min(appears_px(self.part, camera, cam_T_obj), largest_px))
+        self.knowledge.is_magnified = self.glass.times > 1
 
     def natural_region(self, cam_T_obj: FloatArray) -> int:
         """The view region 0..5 that a pose (4, 4) is in, prepared or not."""

@@ -80,7 +80,7 @@ NORMALS = Method(
         reliability=ReliabilityConfig(scatter_px=0.6),
         polarity=PolarityConfig(0.2, 0.4, 5.0, 0.1, 2.0),
         shutter=ShutterConfig(0.4, 0.6, 3.0, 0.02, 0.01, 1.5, 0.1, 4.0, 2.5),
-        encoding=EncodingConfig(2.5, 90.0, 50, 1.3),
+        encoding=EncodingConfig(2.5, 1.5, 90.0, 50, 1.3),
         learn_above=0.5,
         learn_from_px=3.0,
         trust_from_sigma_px=1.0,

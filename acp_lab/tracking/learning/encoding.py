@@ -51,7 +51,8 @@ class EncodingConfig:
     """How the camera's encoding is learnt.
 
     Attributes:
-        least_px: edges that motion smears by less say nothing.
+        least_px: edges that motion smears by less say nothing; times_lens: nor do those by less than so many times what
+            the lens blurs, as far as that is known, whose ends alone are all there is of them.
         evidence: edges that the last frames must have shown before what they say is believed.
         frames: the last that showed some, of which the median counts: in single frames something else bends them all.
         below: a camera of which a lower exponent is told stores light as it is; others encode it for displays, which
@@ -60,6 +61,7 @@ class EncodingConfig:
 
     kind: ClassVar[str] = "on"
     least_px: float = 3.0
+    times_lens: float = 2.0
     evidence: float = 200.0
     frames: int = 60
     below: float = 1.25
@@ -67,6 +69,8 @@ class EncodingConfig:
     def __post_init__(self) -> None:
         if not 1.0 <= self.least_px <= _MOST_PX:
             raise TrackingError(f"learning.encoding.least_px = {self.least_px:g}: give 1 to {_MOST_PX:g} px")
+        if not 0.0 <= self.times_lens <= 100.0:
+            raise TrackingError(f"learning.encoding.times_lens = {self.times_lens:g}: give 0 to 100")
         if not 1.0 <= self.evidence < float("inf"):
             raise TrackingError(f"learning.encoding.evidence = {self.evidence:g}: give 1 or more")
         if not self.evidence / _MOST_EDGES <= self.frames <= 10_000:
@@ -95,15 +99,18 @@ class LightEncoding:
         order = told.argsort()
         return float(told[order][np.searchsorted(edges[order].cumsum(), 0.5 * edges.sum())])
 
-    def learn(self, patch: ImagePatch, points: FloatArray, normals: FloatArray, smear_px: FloatArray) -> None:
+    def learn(
+        self, patch: ImagePatch, points: FloatArray, normals: FloatArray, smear_px: FloatArray, lens_px: float = 0.0
+    ) -> None:
         """Take in a solved frame.
 
         Args:
             points: (n, 2) px, full image, where edges were found; normals: (n, 2) unit.
             smear_px: (n,) over which motion smears them along these.
+            lens_px: standard deviation of the lens's blur, as far as it is known.
         """
-        config = self.config
-        rows = np.flatnonzero((smear_px >= config.least_px) & (smear_px <= _MOST_PX))
+        least_px = max(self.config.least_px, self.config.times_lens * lens_px)
+        rows = np.flatnonzero((smear_px >= least_px) & (smear_px <= _MOST_PX))
         if not len(rows):
             return
         rows = rows[:: -(-len(rows) // _MOST_EDGES)]
@@ -119,7 +126,7 @@ class LightEncoding:
         told = low + (high - low) * bent[0] / straightened
         self._told.append((min(max(told, _LEAST_TOLD), _MOST_TOLD), seen))
         if (told := self.told) is not None:
-            limit = config.below + (0.0 if self.gamma is None else _HYSTERESIS)
+            limit = self.config.below + (0.0 if self.gamma is None else _HYSTERESIS)
             self.gamma = AS_IT_IS if told < limit else None
 
 

@@ -184,7 +184,7 @@ class Matches:
 class SampleKnowledge:
     """What is known of one tracked part, see the module's head; each is None where it is off.
 
-    edges: the part's 3D edge samples.
+    edges: the part's 3D edge samples. is_magnified: whether pictures are drawn with more pixels than the camera has.
     """
 
     def __init__(self, config: SampleLearning | TargetLearning | Off, model: PreparedPart) -> None:
@@ -200,6 +200,7 @@ class SampleKnowledge:
         self.lens: LensBlur | None = None
         self.shutter: RollingShutter | None = None
         self.encoding: LightEncoding | None = None
+        self.is_magnified = False
         self._novelty: Novelty | None = None
         if not isinstance(config, SampleLearning):
             return
@@ -380,7 +381,8 @@ class SampleKnowledge:
         motion = matches.at.view.motion
         if self.blur is not None and motion is not None:
             self.blur.learn(matches.patch, matches.places, matches.normals, matches.jacobian @ motion)
-        if self.encoding is not None and matches.at.motion is not None:
+        # Between the pixels of a magnified picture light is not what it was.
+        if self.encoding is not None and matches.at.motion is not None and not self.is_magnified:
             self._learn_encoding(self.encoding, matches, matches.at.motion)
         if self.shutter is not None and matches.at.motion is not None:
             self._learn_shutter(self.shutter, matches, matches.at.motion)
@@ -391,7 +393,8 @@ class SampleKnowledge:
         smear_px = None if self.blur is None else self.blur.smear_px(matches.jacobian @ motion)
         if smear_px is not None:
             found = np.flatnonzero(np.isfinite(matches.sure_residuals_px))
-            encoding.learn(matches.patch, matches.found[found], matches.normals[found], smear_px[found])
+            lens_px = self.lens_blur_px or 0.0
+            encoding.learn(matches.patch, matches.found[found], matches.normals[found], smear_px[found], lens_px)
 
     def _learn_shutter(self, shutter: RollingShutter, matches: Matches, motion: FloatArray) -> None:
         motion_px = matches.jacobian @ motion

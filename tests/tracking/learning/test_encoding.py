@@ -77,6 +77,17 @@ def test_edges_that_stand_still_say_nothing() -> None:
     assert learnt(smeared(1.0, 0.5), told_px=0.5).told is None
 
 
+def test_smears_that_are_hardly_longer_than_the_lens_blurs_say_nothing() -> None:
+    (points, normals), told = edges(), []
+    for lens_px in (2.0, 4.0):
+        encoding = LightEncoding(EncodingConfig())
+        for _ in range(40):
+            encoding.learn(smeared(1.0), points, normals, np.full(len(points), SMEAR_PX), lens_px)
+        told.append(encoding.told)
+    assert told[0] is not None
+    assert told[1] is None
+
+
 def test_an_edge_that_is_wider_or_narrower_than_its_smear_is_another_one() -> None:
     assert learnt(smeared(1.0, 2.0), told_px=12.0).told is None
     assert learnt(smeared(1.0, 14.0), told_px=4.0).told is None
@@ -144,8 +155,8 @@ def bends(patch: ImagePatch, point: FloatArray, smear_px: float) -> FloatArray |
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ({"least_px": 0.5}, "least_px = 0.5"), ({"evidence": 0.0}, "evidence = 0"), ({"frames": 0}, "frames = 0"),
-        ({"below": 0.9}, "below = 0.9"),
+        ({"least_px": 0.5}, "least_px = 0.5"), ({"times_lens": -1.0}, "times_lens = -1"), ({"below": 0.9}, "below = 0.9"),
+        ({"evidence": 0.0}, "evidence = 0"), ({"frames": 0}, "frames = 0"),
     ],
 )  # fmt: skip
 def test_settings_that_make_no_sense_are_refused(config: dict[str, float], words: str) -> None:
