@@ -11,6 +11,7 @@ import pytest
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.tracking.learning.encoding import EncodingConfig
 from acp_lab.tracking.learning.knowledge import Off, SampleLearning
 from acp_lab.tracking.method import Method
 from acp_lab.tracking.targets.normals import NormalSearch, NormalTarget
@@ -24,6 +25,9 @@ START = looking_at(PART, np.array([1.0, 0.5, 0.4]), 260.0, 0.4)
 COUNT, MOMENTS, OPEN = 28, 9, 0.6
 SWING_MM, SWING_FRAMES = np.array([9.0, 16.0, 5.0]), np.array([17.0, 13.0, 19.0])
 DISPLAY = 2.2
+assert isinstance(AS_DRAWN.learning, SampleLearning)
+# Drawn pictures are soft.
+ASKED = replace(AS_DRAWN, learning=replace(AS_DRAWN.learning, encoding=EncodingConfig(times_lens=2.0)))
 
 
 def at_time(time: float) -> FloatArray:
@@ -59,14 +63,14 @@ def follow(frames: Sequence[Frame | UnreadableFrame], method: Method) -> tuple[T
     return tracker, [add_percent(PART, result.cam_T_obj, at_time(result.frame_id)) for result in results]
 
 
-def unasked(method: Method = AS_DRAWN) -> Method:
+def unasked(method: Method = ASKED) -> Method:
     assert isinstance(method.learning, SampleLearning)
     return replace(method, learning=replace(method.learning, encoding=Off()))
 
 
 def test_light_that_is_stored_as_it_is_is_learnt(light: list[FloatArray]) -> None:
     frames = stored(light, 1.0)
-    tracker, errors = follow(frames, AS_DRAWN)
+    tracker, errors = follow(frames, ASKED)
     assert tracker.gamma == 1.0
     assert np.mean(errors[10:]) < 0.8 * np.mean(follow(frames, unasked())[1][10:])
     seen = tracker.look(frames[-1], tracker.predicted)
@@ -78,14 +82,14 @@ def test_light_that_is_stored_as_it_is_is_learnt(light: list[FloatArray]) -> Non
 
 def test_light_that_is_encoded_for_displays_is_what_it_was(light: list[FloatArray]) -> None:
     frames = stored(light, DISPLAY)
-    tracker, errors = follow(frames, AS_DRAWN)
+    tracker, errors = follow(frames, ASKED)
     assert tracker.gamma is None
     assert errors == follow(frames, unasked())[1]
 
 
 def test_a_new_track_begins_without_it(light: list[FloatArray]) -> None:
     frames = stored(light, 1.0)
-    tracker, _ = follow(frames, AS_DRAWN)
+    tracker, _ = follow(frames, ASKED)
     assert tracker.gamma is not None
     tracker.start(frames[0], at_time(0.0))
     assert tracker.gamma is None
@@ -95,15 +99,15 @@ def test_a_new_track_begins_without_it(light: list[FloatArray]) -> None:
 def test_the_first_frame_is_measured_again_across_gaps(light: list[FloatArray], missing: list[int]) -> None:
     frames = stored(light, 1.0)
     given = [UnreadableFrame(f.index, CAMERA, "damaged") if f.index in missing else f for f in frames]
-    tracker, errors = follow(given, AS_DRAWN)
+    tracker, errors = follow(given, ASKED)
     assert tracker.gamma == 1.0
     assert np.mean(errors[10:]) < 0.8 * np.mean(follow(given, unasked())[1][10:])
 
 
 def test_a_tracker_that_was_told_does_not_learn_it(light: list[FloatArray]) -> None:
-    target = AS_DRAWN.targets[0]
+    target = ASKED.targets[0]
     assert isinstance(target, NormalSearch)
-    told = replace(AS_DRAWN, targets=(replace(target, search=replace(target.search, gamma=1.0)), *AS_DRAWN.targets[1:]))
+    told = replace(AS_DRAWN, targets=(replace(target, search=replace(target.search, gamma=1.0)), *ASKED.targets[1:]))
     frames = stored(light, 1.0)
     tracker, errors = follow(frames, told)
     assert tracker.gamma is None

@@ -61,7 +61,7 @@ class EncodingConfig:
 
     kind: ClassVar[str] = "on"
     least_px: float = 3.0
-    times_lens: float = 2.0
+    times_lens: float = 2.5
     evidence: float = 200.0
     frames: int = 60
     below: float = 1.25

@@ -155,8 +155,8 @@ def bends(patch: ImagePatch, point: FloatArray, smear_px: float) -> FloatArray |
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ({"least_px": 0.5}, "least_px = 0.5"), ({"times_lens": -1.0}, "times_lens = -1"), ({"below": 0.9}, "below = 0.9"),
-        ({"evidence": 0.0}, "evidence = 0"), ({"frames": 0}, "frames = 0"),
+        ({"least_px": 0.5}, "least_px = 0.5"), ({"times_lens": -1.0}, "times_lens = -1"),
+        ({"evidence": 0.0}, "evidence = 0"), ({"frames": 0}, "frames = 0"), ({"below": 0.9}, "below = 0.9"),
     ],
 )  # fmt: skip
 def test_settings_that_make_no_sense_are_refused(config: dict[str, float], words: str) -> None:
