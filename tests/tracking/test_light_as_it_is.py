@@ -107,7 +107,7 @@ def test_the_first_frame_is_measured_again_across_gaps(light: list[FloatArray], 
 def test_a_tracker_that_was_told_does_not_learn_it(light: list[FloatArray]) -> None:
     target = ASKED.targets[0]
     assert isinstance(target, NormalSearch)
-    told = replace(AS_DRAWN, targets=(replace(target, search=replace(target.search, gamma=1.0)), *ASKED.targets[1:]))
+    told = replace(ASKED, targets=(replace(target, search=replace(target.search, gamma=1.0)), *ASKED.targets[1:]))
     frames = stored(light, 1.0)
     tracker, errors = follow(frames, told)
     assert tracker.gamma is None

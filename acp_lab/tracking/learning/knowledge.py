@@ -381,23 +381,24 @@ class SampleKnowledge:
         motion = matches.at.view.motion
         if self.blur is not None and motion is not None:
             self.blur.learn(matches.patch, matches.places, matches.normals, matches.jacobian @ motion)
-        # Between the pixels of a magnified picture light is not what it was.
-        if self.encoding is not None and matches.at.motion is not None and not self.is_magnified:
-            self._learn_encoding(self.encoding, matches, matches.at.motion)
-        if self.shutter is not None and matches.at.motion is not None:
-            self._learn_shutter(self.shutter, matches, matches.at.motion)
+        if matches.at.motion is not None:
+            motion_px = matches.jacobian @ matches.at.motion
+            # Between the pixels of a magnified picture light is not what it was.
+            if self.encoding is not None and not self.is_magnified:
+                self._learn_encoding(self.encoding, matches, motion_px)
+            if self.shutter is not None:
+                self._learn_shutter(self.shutter, matches, motion_px)
         if self.lens is not None:
             self.lens.learn(matches.patch)
 
-    def _learn_encoding(self, encoding: LightEncoding, matches: Matches, motion: FloatArray) -> None:
-        smear_px = None if self.blur is None else self.blur.smear_px(matches.jacobian @ motion)
+    def _learn_encoding(self, encoding: LightEncoding, matches: Matches, motion_px: FloatArray) -> None:
+        smear_px = None if self.blur is None else self.blur.smear_px(motion_px)
         if smear_px is not None:
             found = np.flatnonzero(np.isfinite(matches.sure_residuals_px))
             lens_px = self.lens_blur_px or 0.0
             encoding.learn(matches.patch, matches.found[found], matches.normals[found], smear_px[found], lens_px)
 
-    def _learn_shutter(self, shutter: RollingShutter, matches: Matches, motion: FloatArray) -> None:
-        motion_px = matches.jacobian @ motion
+    def _learn_shutter(self, shutter: RollingShutter, matches: Matches, motion_px: FloatArray) -> None:
         if not shutter.is_told_by(motion_px):
             return
         at = matches.at
