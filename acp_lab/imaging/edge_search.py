@@ -21,6 +21,7 @@ from functools import cached_property, lru_cache
 import cv2
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, Float32Array, FloatArray, IntArray, plain
 from acp_lab.imaging.edge_search_kernel import strongest_peaks
@@ -106,16 +107,32 @@ class ImagePatch:
     @cached_property
     def steepness(self) -> float:
         """Of its steep gradients, grey levels per px: of ten pixels nine have a lower one."""
-        some = self.channels[::_STEP, ::_STEP]
-        levels_per_light = slopes_of_encoding(self.gamma)[some[..., 2].astype(np.intp)]
-        slopes = (np.hypot(some[..., 0], some[..., 1]) * levels_per_light).ravel()
+        height, width, _ = self.channels.shape
+        slopes = np.empty((-(-height // _STEP)) * (-(-width // _STEP)), np.float32)
+        _some_slopes(self.channels, _STEP, slopes_of_encoding(self.gamma), slopes)
         place = int(_FLAT_SHARE * slopes.size)
         return float(np.partition(slopes, place)[place])
 
     @property
     def edge_blur_px(self) -> float | None:
         """How far its steepest edges are blurred, see `sharpness.edge_blur_px`."""
-        return edge_blur_px(np.ascontiguousarray(self.channels[..., 2]), self.blur_px)
+        return edge_blur_px(self.channels[..., 2], self.blur_px)
+
+
+@kernel("void(f4[:, :, ::1], i8, f4[::1], f4[::1])")
+def _some_slopes(channels: Float32Array, step: int, levels_per_light: Float32Array, slopes: Float32Array) -> None:
+    """Fill slopes (k,), grey levels per px, of every `step`-th pixel of a patch (h, w, 3) each way, see `ImagePatch`.
+
+    levels_per_light: see `slopes_of_encoding`.
+    """
+    height, width, _ = channels.shape
+    place = 0
+    for y in range(0, height, step):
+        for x in range(0, width, step):
+            across, along = channels[y, x, 0], channels[y, x, 1]
+            steep = np.float32(np.sqrt(np.float64(across) * across + np.float64(along) * along))
+            slopes[place] = steep * levels_per_light[int(channels[y, x, 2])]
+            place += 1
 
 
 @dataclass(frozen=True)

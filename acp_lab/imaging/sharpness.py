@@ -13,6 +13,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import Float32Array
 
 SHARPEN_PX = 1.5
@@ -63,12 +64,21 @@ def edge_blur_px(smooth: Float32Array, blur_px: float) -> float | None:
 
 def _slopes(grey: Float32Array, first: int, step: int, end: tuple[int, int]) -> Float32Array:
     """(k,) of grey (h, w), per px, at every `step`-th pixel each way, from (first, first) to before `end`."""
+    rows, columns = ((last - first + step - 1) // step for last in end)
+    slopes = np.empty((rows, columns), np.float32)
+    _fill_slopes(grey, first, step, slopes)
+    return slopes.ravel()
 
-    def beside(down: int, right: int) -> Float32Array:
-        return grey[first + down : end[0] + down : step, first + right : end[1] + right : step]
 
-    across, along = beside(0, 1) - beside(0, -1), beside(1, 0) - beside(-1, 0)
-    return np.asarray(0.5 * np.hypot(across, along), np.float32).ravel()
+@kernel("void(f4[:, :], i8, i8, f4[:, ::1])")
+def _fill_slopes(grey: Float32Array, first: int, step: int, slopes: Float32Array) -> None:
+    """Fill slopes (r, c), see `_slopes`."""
+    rows, columns = slopes.shape
+    for i in range(rows):
+        for k in range(columns):
+            y, x = first + i * step, first + k * step
+            across, along = grey[y, x + 1] - grey[y, x - 1], grey[y + 1, x] - grey[y - 1, x]
+            slopes[i, k] = 0.5 * np.sqrt(np.float64(across) * across + np.float64(along) * along)
 
 
 def softness(blur_px: float | None) -> float:

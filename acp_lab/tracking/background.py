@@ -15,8 +15,10 @@ import cv2
 import numpy as np
 
 from acp_lab.compiled import kernel
-from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, writable
+from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, plain, writable
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.middle import median
+from acp_lab.geometry.pose_kernels import eliminate, move, step_between
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_view import Box
 
@@ -38,6 +40,8 @@ _STILL_PX, _LEAST_TURN_PX = 0.3, 0.65
 # share of the corners that must have.
 _WITHIN_PX, _WITHIN_SHARE, _LEAST_SHARE = 3.0, 0.25, 0.5
 _ROUNDS, _WIDE_ROUNDS = 6, 3
+# Of the fit: steps at most, and rad by which the last one turns.
+_STEPS, _LAST_STEP = 8, 1e-10
 
 
 class Background:
@@ -51,10 +55,11 @@ class Background:
         self._small: ByteImage | None = None
         self._camera: Camera | None = None
         self._step = 1
-        # Of the last picture in which something moved: corners (n, 2) px, and what they look like. Of the corners that
-        # were found last there were so many.
+        # Of the last picture in which something moved: corners (n, 2) px, to whole ones, and what they look like. Of
+        # the corners that were found last there were so many.
         self._corners: np.ndarray = np.empty((0, 2), np.float32)
         self._found = 0
+        self._places: IntArray = np.empty((0, 2), np.int64)
         self._looks: ByteImage = np.empty((0, 2 * _HALF_PX + 1, 2 * _HALF_PX + 1), np.uint8)
 
     def turn(self, frame: Frame, part: Box | None) -> FloatArray | None:
@@ -66,16 +71,18 @@ class Background:
             part: px of the frame around the part, whose corners say nothing of the camera; None where it is not seen.
         """
         step = max(math.ceil(max(frame.image.shape[:2]) / LONGEST_PX), 1)
-        small = np.ascontiguousarray(frame.image[::step, ::step, 1])
+        shown = writable(frame.image[::step, ::step, 1])
         before, camera, self._camera = self._small, self._camera, frame.camera
-        if before is None or camera is None or before.shape != small.shape or step != self._step:
-            self._small, self._step = small, step
-            self._find(small, part)
+        if before is None or camera is None or before.shape != shown.shape or step != self._step:
+            self._small, self._step = shown.copy(), step
+            self._find(self._small, part)
             return None
         # Of a camera that stands still nothing is kept: the picture that is there shows the same.
-        if camera == frame.camera and len(self._corners) >= _FEWEST and self._is_still(small):
+        if camera == frame.camera and len(self._corners) >= _FEWEST and self._is_still(shown):
             return np.zeros(3)
-        self._small, turn = small, None
+        # A copy: whoever gave the image may write into it.
+        small = self._small = shown.copy()
+        turn = None
         if len(self._corners) >= _FEWEST:
             corners = self._corners[:, None]
             moved, good, _ = cv2.calcOpticalFlowPyrLK(
@@ -91,13 +98,8 @@ class Background:
         self._keep(small, part)
         return turn
 
-    @property
-    def _places(self) -> IntArray:
-        """(n, 2) px, whole ones, of the corners."""
-        return np.rint(self._corners).astype(np.int64)
-
     def _is_still(self, small: ByteImage) -> bool:
-        return float(np.median(shifts_px(writable(small), self._places, self._looks))) < _STILL_PX
+        return median(shifts_px(small, self._places, self._looks)) < _STILL_PX
 
     def _keep(self, small: ByteImage, part: Box | None) -> None:
         """Corners inside the picture and beside the part; new ones where few are left."""
@@ -128,6 +130,7 @@ class Background:
 
     def _look_at(self, small: ByteImage) -> None:
         around = np.arange(-_HALF_PX, _HALF_PX + 1)
+        self._places = np.rint(self._corners).astype(np.int64)
         x, y = self._places.T
         self._looks = small[y[:, None, None] + around[:, None], x[:, None, None] + around]
 
@@ -135,26 +138,71 @@ class Background:
 def rotation_between(before: FloatArray, after: FloatArray, focal_px: float) -> FloatArray | None:
     """(3,) rotation vector that brings rays (n, 3) to others, or to most of them; None where it brings too few there.
 
-    Least squares over unit rays by singular values (Kabsch, Acta Cryst. A32, 1976), reweighted by Tukey's biweight.
+    Least squares over unit rays by Gauss-Newton, reweighted by Tukey's biweight.
     focal_px: px per rad, by which outliers are told.
     """
-    before, after = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (before, after))
-    way = after - before
-    off_px = focal_px * np.linalg.norm(way - np.median(way, axis=0), axis=1)
-    weights = (off_px <= max(_WITHIN_PX, 2.0 * float(np.median(off_px)))).astype(np.float64)
-    vector, within_px = np.zeros(3), _WITHIN_PX
+    vector = np.zeros(3)
+    within = _fit_turn(plain(before), plain(after), focal_px, vector)
+    return vector if within >= max(_LEAST_SHARE * len(before), _FEWEST) else None
+
+
+@kernel("i8(f8[:, ::1], f8[:, ::1], f8, f8[::1])")
+def _fit_turn(before: FloatArray, after: FloatArray, focal_px: float, vector: FloatArray) -> int:
+    """Fill vector (3,), see `rotation_between`; returns how many rays (n, 3) it brings to the others."""
+    count = len(before)
+    off_px, weights, old, new = np.empty(count), np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+    for i in range(count):
+        old[i] = before[i] / np.sqrt((before[i] ** 2).sum())
+        new[i] = after[i] / np.sqrt((after[i] ** 2).sum())
+    # To begin with, those count that go about as far as most.
+    usual, way = np.empty(3), new - old
+    for k in range(3):
+        usual[k] = median(way[:, k].copy())
+    for i in range(count):
+        off_px[i] = focal_px * np.sqrt(((way[i] - usual) ** 2).sum())
+    limit_px = max(_WITHIN_PX, 2.0 * median(off_px))
+    for i in range(count):
+        weights[i] = 1.0 if off_px[i] <= limit_px else 0.0
+    still, pose, moved, nowhere = np.eye(4), np.eye(4), np.empty((4, 4)), np.zeros(3)
+    matrix, pull, step, ray = np.empty((3, 3)), np.empty(3), np.zeros(6), np.empty(3)
+    within_px = _WITHIN_PX
     for number in range(_ROUNDS):
-        u, _, vt = np.linalg.svd((after * weights[:, None]).T @ before)
-        rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
-        off_px = focal_px * np.linalg.norm(after - before @ rotation.T, axis=1)
-        vector = cv2.Rodrigues(rotation)[0].ravel()
-        within_px = max(_WITHIN_PX, _WITHIN_SHARE * focal_px * float(np.linalg.norm(vector)))
-        reach = max(within_px, 2.5 * float(np.median(off_px))) if number < _WIDE_ROUNDS else within_px
-        weights = np.maximum(1.0 - (off_px / reach) ** 2, 0.0) ** 2
-    return vector if np.count_nonzero(off_px < within_px) >= max(_LEAST_SHARE * len(before), _FEWEST) else None
+        for _ in range(_STEPS):
+            matrix[:], pull[:] = 0.0, 0.0
+            for i in range(count):
+                if weights[i] == 0.0:
+                    continue
+                for j in range(3):
+                    ray[j] = pose[j, 0] * old[i, 0] + pose[j, 1] * old[i, 1] + pose[j, 2] * old[i, 2]
+                for j in range(3):
+                    # A turn w moves a ray r by w x r, and pulls by r x (where it belongs).
+                    one, other = (j + 1) % 3, (j + 2) % 3
+                    pull[j] += weights[i] * (ray[one] * new[i, other] - ray[other] * new[i, one])
+                    matrix[j, j] += weights[i]
+                    for k in range(3):
+                        matrix[j, k] -= weights[i] * ray[j] * ray[k]
+            if not eliminate(matrix, pull):
+                break
+            step[:3] = pull
+            move(pose, nowhere, step, moved)
+            pose[:] = moved
+            if np.abs(pull).max() < _LAST_STEP:
+                break
+        for i in range(count):
+            far = 0.0
+            for j in range(3):
+                far += (new[i, j] - pose[j, 0] * old[i, 0] - pose[j, 1] * old[i, 1] - pose[j, 2] * old[i, 2]) ** 2
+            off_px[i] = focal_px * np.sqrt(far)
+        step_between(still, pose, nowhere, step)
+        vector[:] = step[:3]
+        within_px = max(_WITHIN_PX, _WITHIN_SHARE * focal_px * np.sqrt((vector**2).sum()))
+        reach = max(within_px, 2.5 * median(off_px)) if number < _WIDE_ROUNDS else within_px
+        for i in range(count):
+            weights[i] = max(1.0 - (off_px[i] / reach) ** 2, 0.0) ** 2
+    return int((off_px < within_px).sum())
 
 
-@kernel("f8[::1](u1[:, ::1], i8[:, ::1], u1[:, :, ::1])")
+@kernel("f8[::1](u1[:, :], i8[:, ::1], u1[:, :, ::1])")
 def shifts_px(small: ByteImage, places: IntArray, looks: ByteImage) -> FloatArray:
     """(n,) px by which patches of a picture (h, w) have moved: one step of Lucas and Kanade; infinite for far.
 

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 
 from acp_lab.compiled import kernel
-from acp_lab.geometry.arrays import ByteImage, FloatArray, writable
+from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray, writable
+from acp_lab.geometry.middle import median
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_view import Box
 
@@ -66,8 +67,7 @@ class Bands:
         self.before = now
         if before is None or before.grid.shape != now.grid.shape:
             return frame
-        roughly = np.log((now.means + _DARK) / (before.means + _DARK)) + before.taken
-        if not roughly.std() >= self._least:
+        if not _spread_of_change(before.means, now.means, before.taken) >= self._least:
             return frame
         change = self._change(before, now, _cells(frame.image, around))
         if change is None:
@@ -86,15 +86,16 @@ class Bands:
         rows = told.sum(1) >= _LEAST_PIXELS
         if rows.mean() < _LEAST_ROWS:
             return None
-        change = np.where(told, _log(now.grid) - _log(before.grid) + before.taken[:, None], np.nan)
-        middle = np.nanmedian(change[rows], axis=1)
+        change = _log(now.grid) - _log(before.grid) + before.taken[:, None]
+        middle = np.empty(np.count_nonzero(rows))
+        _medians(change[rows], told[rows], middle)
         by_row = np.interp(np.arange(len(change)), np.flatnonzero(rows), middle)
         border = cv2.BORDER_REPLICATE
         smooth = cv2.GaussianBlur(by_row[:, None], (1, 9), 0.0, sigmaY=_SMOOTH_ROWS, borderType=border)[:, 0]
         if smooth.std() < self._least:
             return None
         # Beside a change that is the same for all, which is another matter.
-        whole, left = np.abs(change - np.nanmedian(middle)), np.abs(change - smooth[:, None])
+        whole, left = np.abs(change - median(middle)), np.abs(change - smooth[:, None])
         explains = left[told].mean() <= self._unexplained * whole[told].mean()
         if explains and part is not None and told[part].sum() >= _LEAST_PIXELS:
             explains = left[part][told[part]].mean() <= _LEFT_ON_PART * whole[part][told[part]].mean()
@@ -130,14 +131,33 @@ def _some_rows(image: ByteImage) -> _Rows:
     return _Rows(grid, means, np.zeros(len(picked)))
 
 
-def _is_told(grid: ByteImage) -> np.ndarray:
+def _is_told(grid: ByteImage) -> BoolArray:
     """(r, c) whether none of a pixel's channels is cut off."""
-    return np.asarray(((grid > _BLACK) & (grid < _WHITE)).all(2))
+    return np.asarray(((grid > _BLACK) & (grid < _WHITE)).all(2), bool)
 
 
 def _log(grid: ByteImage) -> FloatArray:
     """(r, c) log brightness."""
     return np.asarray(np.log(grid.mean(2) + _DARK))
+
+
+@kernel("void(f8[:, ::1], b1[:, ::1], f8[::1])")
+def _medians(change: FloatArray, told: BoolArray, middle: FloatArray) -> None:
+    """Fill middle (r,) with the median of each row of change (r, c) where it is told (r, c)."""
+    row, columns = np.empty(change.shape[1]), change.shape[1]
+    for i in range(len(middle)):
+        count = 0
+        for k in range(columns):
+            if told[i, k]:
+                row[count] = change[i, k]
+                count += 1
+        middle[i] = median(row[:count])
+
+
+@kernel("f8(f8[::1], f8[::1], f8[::1])")
+def _spread_of_change(before: FloatArray, now: FloatArray, taken: FloatArray) -> float:
+    """Standard deviation over the rows of by how much their log brightness changed, roughly; all (r,), see `_Rows`."""
+    return (np.log((now + _DARK) / (before + _DARK)) + taken).std()
 
 
 @kernel("void(u1[:, :, :], u1[:, :, ::1], f8[::1])")

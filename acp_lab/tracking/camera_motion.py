@@ -12,6 +12,7 @@ only while its own explain some. (Not in the paper; see docs/paper-ledger.md.)
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -127,6 +128,9 @@ class CameraFollower:
 
     def _jerk(self, turn: FloatArray, cam_T_obj: FloatArray) -> FloatArray | None:
         """(6,) step of the part, at a pose (4, 4), by a camera's turn (3,); None for one that is too small."""
-        shift = np.cross(turn, transform(cam_T_obj, self._part.box_centre))
-        is_small = float(np.hypot(shift[0], shift[1])) < self._config.least_share * self._part.diameter
+        if not turn.any():
+            return None
+        (a, b, c), (x, y, z) = turn.tolist(), transform(cam_T_obj, self._part.box_centre).tolist()
+        shift = b * z - c * y, c * x - a * z, a * y - b * x
+        is_small = math.hypot(shift[0], shift[1]) < self._config.least_share * self._part.diameter
         return None if is_small else np.concatenate([turn, shift])

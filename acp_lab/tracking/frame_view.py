@@ -16,7 +16,7 @@ from acp_lab.cad.part import Part
 from acp_lab.compiled import kernel
 from acp_lab.control_points.canonical_frame import CANONICAL_SIZE, CanonicalFrame, canonical_frame, eye_position
 from acp_lab.control_points.view_regions import ALL_REGIONS
-from acp_lab.geometry.arrays import ByteImage, FloatArray, plain
+from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, plain
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.planar_pnp import solve_planar_pnp
 from acp_lab.geometry.planar_pnp_nearby import planar_pnp_nearby
@@ -224,20 +224,10 @@ def crop_box(points_obj: FloatArray, cam_T_obj: FloatArray, camera: Camera, marg
 
     None where a point is behind the camera, the box outside the image, or the part too small in it to be tracked.
     """
-    extent = np.empty(4)
-    if not _extent(plain(points_obj), plain(cam_T_obj), camera.numbers, extent):
-        return None
-    x0, y0, x1, y1 = extent.tolist()
-    if max(x1 - x0, y1 - y0) < LEAST_PART_PX:
-        return None
-    x0, y0, x1, y1 = x0 - margin_px, y0 - margin_px, x1 + margin_px, y1 + margin_px
-    least = _LEAST_OVERLAP_PX
-    if x1 < least or y1 < least or x0 > camera.width - least or y0 > camera.height - least:
-        return None
-    # A part that fills far more than the image is searched inside the image only; keep the numbers small.
-    far = max(1e4, 2.0 * max(camera.width, camera.height))
-    x0, y0, x1, y1 = (int(min(max(value, -far), far)) for value in (x0, y0, x1, y1))
-    return x0, y0, x1 + 1, y1 + 1
+    box = np.zeros(4, np.int64)
+    is_in_sight = _box(plain(points_obj), plain(cam_T_obj), camera.numbers, camera.width, camera.height, margin_px, box)
+    x0, y0, x1, y1 = box.tolist()
+    return (x0, y0, x1, y1) if is_in_sight else None
 
 
 @kernel("b1(f8[:, ::1], f8[:, ::1], f8[::1], f8[::1])")
@@ -260,4 +250,27 @@ def _extent(points_obj: FloatArray, pose: FloatArray, camera: FloatArray, extent
             return False
         extent[0], extent[1] = min(extent[0], u), min(extent[1], v)
         extent[2], extent[3] = max(extent[2], u), max(extent[3], v)
+    return True
+
+
+@kernel("b1(f8[:, ::1], f8[:, ::1], f8[::1], i8, i8, f8, i8[::1])")
+def _box(
+    points_obj: FloatArray, pose: FloatArray, camera: FloatArray, width: int, height: int, margin_px: float,
+    box: IntArray,
+) -> bool:  # fmt: skip
+    """Fill box (4,), see `crop_box`; False where there is none. camera: see `Camera.numbers`."""
+    extent = np.empty(4)
+    if not _extent(points_obj, pose, camera, extent):
+        return False
+    if max(extent[2] - extent[0], extent[3] - extent[1]) < LEAST_PART_PX:
+        return False
+    extent[:2] -= margin_px
+    extent[2:] += margin_px
+    least = _LEAST_OVERLAP_PX
+    if extent[2] < least or extent[3] < least or extent[0] > width - least or extent[1] > height - least:
+        return False
+    # A part that fills far more than the image is searched inside the image only; keep the numbers small.
+    far = max(1e4, 2.0 * max(width, height))
+    for i in range(4):
+        box[i] = int(min(max(extent[i], -far), far)) + i // 2
     return True

@@ -21,7 +21,7 @@ import numpy as np
 from acp_lab.cad.part import Part
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import FloatArray, plain
 from acp_lab.geometry.pose_kernels import invert
 
 
@@ -99,23 +99,59 @@ class ExpectedError:
 
     def __init__(self, part: Part) -> None:
         arms = part.vertices - part.box_centre
-        self._mean, self._square = arms.mean(0), arms.T @ arms / len(arms)
-        self._free: list[FloatArray] = []
-        for axis, offset in part.symmetries.continuous:
-            about = np.asarray(axis, np.float64)
-            self._free.append(np.concatenate([about, np.cross(np.subtract(offset, part.box_centre), about)]))
+        self._mean, self._square = plain(arms.mean(0)), plain(arms.T @ arms / len(arms))
+        self._free = np.empty((len(part.symmetries.continuous), 6))
+        for free, (axis, offset) in zip(self._free, part.symmetries.continuous, strict=True):
+            free[:3] = axis
+            free[3:] = np.cross(np.subtract(offset, part.box_centre), free[:3])
 
     def rms_mm(self, covariance: FloatArray, cam_T_obj: FloatArray) -> float:
         """Root of the mean squared distance of the part's vertices at a pose (4, 4) with a covariance (6, 6)."""
-        rotation = cam_T_obj[:3, :3]
-        square, (x, y, z) = rotation @ self._square @ rotation.T, rotation @ self._mean
-        cost = np.eye(6)
-        cost[:3, :3] = np.trace(square) * np.eye(3) - square
-        # A turn w and a shift v move a vertex at r by w x r + v.
-        cost[:3, 3:] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-        cost[3:, :3] = cost[:3, 3:].T
-        for free in self._free:
-            step = np.concatenate([rotation @ free[:3], rotation @ free[3:]])
-            pull = cost @ step
-            cost -= np.outer(pull, pull) / max(float(step @ pull), 1e-12)
-        return float(np.sqrt(max(float(np.sum(cost * covariance)), 0.0)))
+        return float(_rms(plain(covariance), plain(cam_T_obj), self._mean, self._square, self._free))
+
+
+@kernel("f8(f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1])")
+def _rms(
+    covariance: FloatArray, pose: FloatArray, mean: FloatArray, square: FloatArray, free: FloatArray
+) -> float:  # fmt: skip
+    """See `ExpectedError.rms_mm`.
+
+    mean (3,), square (3, 3): of the vertices about the centre and of their outer products; free: (k, 6) steps in the
+    object's axes that leave the part as it is.
+    """
+    # In the camera's axes: a turn w and a shift v move a vertex at r by w x r + v.
+    turned, at, spread, cost = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros((6, 6))
+    for i in range(3):
+        for k in range(3):
+            at[i] += pose[i, k] * mean[k]
+            for j in range(3):
+                turned[i, k] += pose[i, j] * square[j, k]
+    for i in range(3):
+        for k in range(3):
+            for j in range(3):
+                spread[i, k] += turned[i, j] * pose[k, j]
+    trace = spread[0, 0] + spread[1, 1] + spread[2, 2]
+    for i in range(3):
+        one, other = (i + 1) % 3, (i + 2) % 3
+        cost[i, i], cost[3 + i, 3 + i] = trace, 1.0
+        cost[i, 3 + one], cost[i, 3 + other] = -at[other], at[one]
+        cost[3 + one, i], cost[3 + other, i] = -at[other], at[one]
+        for k in range(3):
+            cost[i, k] -= spread[i, k]
+    step, pull = np.empty(6), np.empty(6)
+    for row in range(len(free)):
+        for i in range(3):
+            step[i], step[3 + i] = 0.0, 0.0
+            for k in range(3):
+                step[i] += pose[i, k] * free[row, k]
+                step[3 + i] += pose[i, k] * free[row, 3 + k]
+        along = 0.0
+        for i in range(6):
+            pull[i] = 0.0
+            for k in range(6):
+                pull[i] += cost[i, k] * step[k]
+            along += step[i] * pull[i]
+        for i in range(6):
+            for k in range(6):
+                cost[i, k] -= pull[i] * pull[k] / max(along, 1e-12)
+    return np.sqrt(max((cost * covariance).sum(), 0.0))

@@ -58,3 +58,27 @@ def test_black_and_white_pictures_tell_nothing() -> None:
     image = np.zeros((200, 200, 3), np.uint8)
     image[:, 100:] = 255
     assert noise_levels(image) is None
+
+
+def noise_in_numpy(image: np.ndarray) -> float:
+    """The median of the second difference of second differences over all pixels that are not cut off."""
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.int64)
+    down = grey[:-2] - 2 * grey[1:-1] + grey[2:]
+    both = np.abs(down[:, :-2] - 2 * down[:, 1:-1] + down[:, 2:])
+    middle = grey[1:-1, 1:-1]
+    return float(np.median(both[(middle > 3) & (middle < 252)])) / (0.6745 * 6.0)
+
+
+@pytest.mark.parametrize("levels", [0.0, 1.0, 3.0, 40.0, 200.0])
+@pytest.mark.parametrize("shape", [(120, 160), (61, 83)])
+def test_it_is_what_its_slow_twin_says(levels: float, shape: tuple[int, int]) -> None:
+    image = noisy(picture(*shape), levels)
+    assert noise_levels(image) == pytest.approx(noise_in_numpy(image), rel=1e-12)
+
+
+def test_white_beside_black_is_as_different_as_can_be() -> None:
+    """Also where all neighbours but the nearest are alike, which is what the filter tells best."""
+    image = np.full((200, 200, 3), 100, np.uint8)
+    image[::2, ::2], image[1::2, 1::2] = 251, 251
+    image[::2, 1::2], image[1::2, ::2] = 4, 4
+    assert noise_levels(image) == pytest.approx(16 * (251 - 4) / 2 / (0.6745 * 6.0), rel=1e-12)

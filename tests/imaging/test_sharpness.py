@@ -16,6 +16,7 @@ from acp_lab.imaging.sharpness import (
     SHARPEN_TAPS,
     SOFTEST_PX,
     USUAL_BLUR_PX,
+    _slopes,
     edge_blur_px,
     sharpened,
     softness,
@@ -129,3 +130,11 @@ def test_the_softer_a_picture_the_more_it_is_sharpened() -> None:
     assert softness(0.0) == LEAST_SOFTNESS < softness(0.9 * USUAL_BLUR_PX) < 1.0
     assert softness(None) == 1.0
     assert softness(20.0) == softness(SOFTEST_PX)
+
+
+@pytest.mark.parametrize(("first", "step", "end"), [(1, 1, (29, 40)), (2, 2, (28, 39)), (2, 2, (27, 38))])
+def test_slopes_are_those_of_a_slow_twin(first: int, step: int, end: tuple[int, int]) -> None:
+    grey = np.random.default_rng(0).normal(120.0, 40.0, (31, 43, 3)).astype(np.float32)[..., 1]
+    down, across = np.gradient(grey.astype(np.float64))
+    expected = np.hypot(across, down)[first : end[0] : step, first : end[1] : step]
+    np.testing.assert_allclose(_slopes(grey, first, step, end), expected.ravel(), rtol=1e-5, atol=1e-4)

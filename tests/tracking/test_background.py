@@ -57,6 +57,42 @@ def test_most_rays_tell_the_rotation(seed: int, angle: float, outliers: float) -
     np.testing.assert_allclose(found, turn, atol=2e-4)
 
 
+def rotation_by_singular_values(before: FloatArray, after: FloatArray, focal_px: float) -> FloatArray:
+    """(3,) rotation vector, each round's fit by Kabsch (Acta Cryst. A32, 1976)."""
+    before, after = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (before, after))
+    way = after - before
+    off_px = focal_px * np.linalg.norm(way - np.median(way, axis=0), axis=1)
+    weights, vector = (off_px <= max(3.0, 2.0 * np.median(off_px))).astype(float), np.zeros(3)
+    for number in range(6):
+        u, _, vt = np.linalg.svd((after * weights[:, None]).T @ before)
+        fit = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+        off_px = focal_px * np.linalg.norm(after - before @ fit.T, axis=1)
+        vector = cv2.Rodrigues(fit)[0].ravel()
+        within_px = max(3.0, 0.25 * focal_px * np.linalg.norm(vector))
+        reach = max(within_px, 2.5 * np.median(off_px)) if number < 3 else within_px
+        weights = np.maximum(1.0 - (off_px / reach) ** 2, 0.0) ** 2
+    return vector
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 0.4), st.floats(0.0, 0.4))
+def test_the_fit_is_that_of_a_slow_twin(seed: int, angle: float, outliers: float) -> None:
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    rays = CAMERA.rays(rng.uniform(0, 500, (41, 2)))
+    after = rays @ rotation(angle * axis / np.linalg.norm(axis)).T + rng.normal(0.0, 0.5 / CAMERA.fx, (41, 3))
+    after[: int(outliers * 41)] += rng.uniform(-0.2, 0.2, (int(outliers * 41), 3))
+    found = rotation_between(rays, after, CAMERA.fx)
+    if found is not None:
+        np.testing.assert_allclose(found, rotation_by_singular_values(rays, after, CAMERA.fx), atol=1e-8)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 12])
+def test_rays_that_are_one_and_the_same_break_nothing(count: int) -> None:
+    rays = np.tile([[0.1, -0.2, 1.0]], (count, 1))
+    found = rotation_between(rays, rays, CAMERA.fx)
+    assert found is None if count < 12 else np.isfinite(found).all()
+
+
 def test_rays_that_go_anywhere_tell_nothing() -> None:
     rng = np.random.default_rng(1)
     rays = CAMERA.rays(rng.uniform(0, 500, (60, 2)))

@@ -13,7 +13,7 @@ from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.pose import transform
 from acp_lab.sequences.frame import Frame
-from acp_lab.tracking.bands import Bands, _brighten, _copy
+from acp_lab.tracking.bands import Bands, _brighten, _copy, _medians, _spread_of_change
 from acp_lab.tracking.method import ACP
 from acp_lab.tracking.tones import ToneMatching, Tones
 from acp_lab.tracking.tracker import Tracker
@@ -156,6 +156,12 @@ def test_the_kernels_do_what_numpy_does(rng: np.random.Generator) -> None:
     _brighten(image, gains, brightened)
     expected = np.floor(image * gains[:, None, None] + 0.5).clip(0, 255)
     np.testing.assert_array_equal(brightened, expected.astype(np.uint8))
+    change, told, middle = rng.normal(size=(9, 14)), rng.random((9, 14)) < 0.6, np.empty(9)
+    _medians(change, told, middle)
+    np.testing.assert_array_equal(middle, np.nanmedian(np.where(told, change, np.nan), axis=1))
+    before, now, taken = rng.uniform(0.0, 255.0, 9), rng.uniform(0.0, 255.0, 9), rng.normal(size=9)
+    spread = (np.log((now + 4.0) / (before + 4.0)) + taken).std()
+    assert _spread_of_change(before, now, taken) == pytest.approx(spread, rel=1e-12)
 
 
 @pytest.mark.parametrize(
