@@ -13,15 +13,18 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.compiled import kernel
 from acp_lab.errors import PartError
 from acp_lab.geometry.arrays import plain
+
+if TYPE_CHECKING:
+    import trimesh
 
 CREASE_ANGLE_DEG = 25.0
 # Two triangles of one flat face differ by rounding only; below this no silhouette can lie between them.
@@ -241,6 +244,8 @@ class _MeshEdges:
 
 def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
     """The edges of a part's mesh; PartError as `sample_edges`."""
+    import trimesh  # here, as it takes a while and much memory, and whoever tracks a prepared part never gets here
+
     # It goes when this returns: what it has worked out of a million faces is hundreds of MB.
     mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
     face_normals = np.asarray(mesh.face_normals, dtype=np.float64)
@@ -269,6 +274,8 @@ def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
 
 def _open_rims(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     """Edges that belong to one face only: (k, 2) vertex ids and the face of each, (k,)."""
+    import trimesh
+
     lonely = trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)
     return np.asarray(mesh.edges_sorted)[lonely], np.asarray(mesh.edges_face)[lonely]
 

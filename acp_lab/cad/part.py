@@ -26,6 +26,7 @@ from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.cad.stitching import is_flat, stitched
 from acp_lab.errors import PartError
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
+from acp_lab.geometry.icosphere import icosphere
 from acp_lab.input_file import LARGEST_NUMBER
 
 __all__ = ["Part", "PartInfo", "Symmetries", "clean_mesh", "largest_distance", "read_models_info"]
@@ -291,9 +292,7 @@ def _can_end(points: FloatArray, largest: float) -> BoolArray:
     The direction of such a pair is within an angle delta of one of the directions tried. Along that one its ends are
     more than largest cos(delta) apart, so each lies within width - largest cos(delta) of that side of the points.
     """
-    import trimesh  # here, because it takes a while and most that know parts never get here
-
-    sphere = trimesh.creation.icosphere(subdivisions=4).vertices
+    sphere = icosphere(4)
     directions = sphere[sphere[:, 2] > -1e-9]  # one half: a direction and its opposite are the same
     spacing = np.cos(np.radians(3.0))  # no direction is as far as this from one of them or from its opposite
     kept = np.zeros(len(points), dtype=bool)

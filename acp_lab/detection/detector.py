@@ -7,7 +7,6 @@ from functools import cached_property
 from math import log
 
 import numpy as np
-import trimesh
 
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
@@ -23,6 +22,7 @@ from acp_lab.detection.work import Steps, finish
 from acp_lab.generator.base import RigidGenerator
 from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.icosphere import icosphere
 from acp_lab.geometry.pose import transform
 
 EVIDENCE_WORK, START_WORK = 2500.0, 2.0
@@ -98,7 +98,7 @@ class Detector:
     @cached_property
     def groups(self) -> IntArray:
         """(t,) 0 to 11: the corner of an icosahedron next to a template's view."""
-        corners = np.asarray(trimesh.creation.icosphere(subdivisions=0).vertices)
+        corners = icosphere(0)
         nearest: IntArray = np.argmax(self.views.directions_obj @ corners.T, axis=1).astype(np.int64)
         return nearest[self.templates.views]
 

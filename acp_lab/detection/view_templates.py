@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import trimesh
 
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
@@ -20,6 +19,7 @@ from acp_lab.detection.config import SEARCH_SAMPLES, DetectionConfig
 from acp_lab.detection.edge_maps import direction_bins
 from acp_lab.generator.base import RigidGenerator, VisibleSamples
 from acp_lab.geometry.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from acp_lab.geometry.icosphere import icosphere
 from acp_lab.geometry.pose import make_pose
 
 SCAN_BINS = 8
@@ -76,7 +76,7 @@ class Views:
 
     def subdivided(self, subdivisions: int) -> Views:
         """Those of a coarser icosphere: 2 subdivisions for 162, 3 for 642."""
-        corners = np.asarray(trimesh.creation.icosphere(subdivisions=subdivisions).vertices)
+        corners = icosphere(subdivisions)
         return self.take((self.directions_obj @ corners.T).max(1) > _SAME_DIRECTION)
 
     def nearest(self, eyes_obj: FloatArray) -> IntArray:
@@ -133,7 +133,7 @@ def make_views(part: Part, generator: RigidGenerator) -> Views:
 
     They are chosen in less than a second.
     """
-    directions = np.asarray(trimesh.creation.icosphere(subdivisions=SUBDIVISIONS).vertices, np.float64)
+    directions = icosphere(SUBDIVISIONS)
     kept, samples, counts, lengths = [], [], [], []
     edges: EdgeSamples = generator.edges
     for direction in directions:

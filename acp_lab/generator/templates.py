@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import trimesh
 
 from acp_lab.cad.edges import EdgeSamples, facing, nearly_showing, unoccluded
 from acp_lab.cad.part import Part
@@ -19,6 +18,7 @@ from acp_lab.compiled import kernel
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.control_points.view_regions import REGION_COUNT
 from acp_lab.generator.base import VisibleSamples
+from acp_lab.geometry.icosphere import icosphere
 
 SPHERE_SUBDIVISIONS = 4
 # Occlusion depends little on distance; stored at one that suits the usual bench camera.
@@ -101,7 +101,7 @@ def build_templates(
     Args:
         progress: called with (views done, views in all).
     """
-    views = np.asarray(trimesh.creation.icosphere(subdivisions=subdivisions).vertices, np.float64)
+    views = icosphere(subdivisions)
     packed = np.zeros((len(views), (len(edges) + 7) // 8), np.uint8)
     for row, direction in enumerate(views):
         eye_obj = part.box_centre + DISTANCE_IN_DIAMETERS * part.diameter * direction

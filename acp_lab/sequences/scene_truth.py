@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.geometry.arrays import FloatArray
@@ -63,6 +62,9 @@ def instance_truths(path: Path) -> dict[int, tuple[SceneTruth, ...]]:
     (Hungarian assignment); two parts cannot be in one place. One that appears later than the others is left out: no
     start pose tells it apart. Raises InputFileError as `SceneTruth.from_file`.
     """
+    # Here, as it takes a while, and most data sets show each part once.
+    from scipy.optimize import linear_sum_assignment
+
     by_frame: dict[int, dict[int, list[FloatArray]]] = {}
     for frame_id, object_id, pose in _entries(path):
         by_frame.setdefault(object_id, {}).setdefault(frame_id, []).append(pose)

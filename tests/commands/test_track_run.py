@@ -6,6 +6,8 @@ import gc
 import json
 import re
 import shutil
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -435,3 +437,17 @@ def test_eval_of_missing_things(capsys: pytest.CaptureFixture[str], dataset: Pat
         "x.json",
     )
     assert_one_error(run(capsys, "eval", dataset, tmp_path / "results.csv", "--json", tmp_path), "folder")
+
+
+def test_whoever_tracks_prepared_parts_waits_for_no_library_that_is_not_needed(
+    dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """Each of these takes half a second and tens of MB."""
+    heavy = ("torch", "kornia", "rerun", "matplotlib", "pyrender", "trimesh", "networkx", "scipy.optimize")
+    words = ["track", str(dataset), "--parts", str(parts), "--out", str(tmp_path / "out.csv")]
+    code = (
+        f"import sys; from acp_lab.cli import main; assert main({words!r}) == 0; "
+        f"print('imported:', [m for m in {heavy!r} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "imported: []"

@@ -9,11 +9,11 @@ answer, when a view is met for the first time.
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.geometry.arrays import FloatArray, IntArray
+from acp_lab.geometry.icosphere import icosphere
 from acp_lab.tracking.frame_view import Estimate
 
 # 642 views, some 8 degrees apart: lengths need not be exact, and rays for a new view are the dearest part of a frame.
@@ -29,7 +29,7 @@ class SparseViews:
         self, samples: int, box_centre: FloatArray, caster: RayCaster, reach_px: float, step_px: float
     ) -> None:
         """samples: of the part; lines are looked along up to `reach_px` on both sides, in steps."""
-        self._views_obj = np.asarray(trimesh.creation.icosphere(subdivisions=_SUBDIVISIONS).vertices, np.float64)
+        self._views_obj = icosphere(_SUBDIVISIONS)
         self._samples, self._box_centre, self._caster = samples, box_centre, caster
         self._way_px = np.arange(step_px, reach_px + 0.1, step_px)
         self._free_mm: dict[int, tuple[float, FloatArray]] = {}
