@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from acp_lab.preparation import prepare
     from acp_lab.prepared_part import PreparedPart, PrepareOptions
     from acp_lab.sequences import open_images, open_sequence, read_pose
-    from acp_lab.tracking.find import Detection, detect
+    from acp_lab.tracking.find import Detection, detect, detect_each
     from acp_lab.tracking.method import METHODS, Method
     from acp_lab.tracking.results_file import ResultsFile
     from acp_lab.tracking.snap import snap
@@ -53,6 +53,7 @@ __all__ = [
     "Tracker",
     "__version__",
     "detect",
+    "detect_each",
     "evaluate",
     "explain",
     "live",
@@ -77,6 +78,7 @@ _HOME = {
     "ResultsFile": "acp_lab.tracking.results_file",
     "Tracker": "acp_lab.tracking.tracker",
     "detect": "acp_lab.tracking.find",
+    "detect_each": "acp_lab.tracking.find",
     "evaluate": "acp_lab.evaluation",
     "explain": "acp_lab.display.plots.diagnosis",
     "live": "acp_lab.display.widgets",

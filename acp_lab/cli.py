@@ -248,7 +248,14 @@ def detect(
         typer.Option(min=0, help="A scene to look at, repeatable; all by default.", metavar="N"),
     ] = None,
     step: Annotated[int, typer.Option(min=1, help="Look at every N-th frame.", metavar="N")] = 1,
-    top: Annotated[int, typer.Option(min=1, help="Hypotheses per frame and object, at most.", metavar="K")] = 3,
+    each: Annotated[
+        bool,
+        typer.Option("--each", help="Several parts alike lie there, as in a tray: find each of them, and not the one."),
+    ] = False,
+    top: Annotated[
+        int | None,
+        typer.Option(min=1, help="Hypotheses per frame and object, at most: 3, with --each 20.", metavar="K"),
+    ] = None,
     depth_mm: Annotated[
         tuple[float, float] | None,
         typer.Option(
@@ -271,7 +278,7 @@ def detect(
     limit_threads(threads)  # before NumPy is imported
     from acp_lab.commands.detect import DetectOptions, detect_parts
 
-    detect_parts(DetectOptions(source, parts, out, camera, mesh, split, tuple(scene or ()), step, top, depth_mm))
+    detect_parts(DetectOptions(source, parts, out, camera, mesh, split, tuple(scene or ()), step, top, depth_mm, each))
 
 
 @app.command("eval")

@@ -96,14 +96,16 @@ def write_scene(
     """
     cameras = {str(i): {"cam_K": _listed(k), "depth_scale": 1.0} for i, k in enumerate(matrices)}
     write_json(folder / "scene_camera.json", cameras)
-    truth = {
-        str(i): [{"cam_R_m2c": _listed(pose[:3, :3]), "cam_t_m2c": _listed(pose[:3, 3]), "obj_id": object_id}]
-        for i, pose in enumerate(cam_T_obj)
-    }
+    truth = {str(i): [pose_entry(pose, object_id)] for i, pose in enumerate(cam_T_obj)}
     if truth:
         write_json(folder / "scene_gt.json", truth)
     if seen is not None:
         write_json(folder / "scene_gt_info.json", {str(i): [dict(one)] for i, one in enumerate(seen)})
+
+
+def pose_entry(cam_T_obj: np.ndarray, object_id: int) -> dict[str, object]:
+    """An entry of scene_gt.json: a pose (4, 4) of an object."""
+    return {"cam_R_m2c": _listed(cam_T_obj[:3, :3]), "cam_t_m2c": _listed(cam_T_obj[:3, 3]), "obj_id": object_id}
 
 
 def visibility(alone: np.ndarray, seen: np.ndarray) -> dict[str, object]:

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from acp_lab.tracking.find import Detection
 
 PICTURE_START = b"\x89PNG"
+_TOP = 3
+_DRAWN_EACH = 0.5
+"""With --each: hypotheses that are less likely would cover the picture."""
 _PICTURES = 12
 """Frames that the picture shows at most, evenly spread."""
 _PICTURE_WIDTH = 640
@@ -43,7 +46,8 @@ class DetectOptions:
         source: a data set in the BOP layout, an image, or with `camera` a video or a folder of images.
         camera: of the images, as a file; mesh: the part in them, by default the only one in `parts`.
         scenes: of the data set; empty means all. step: every so manyth frame.
-        top: hypotheses per frame and object at most. depth_mm: nearest and farthest.
+        each: whether several parts alike are looked for, as in a tray, and each counts for itself. top: hypotheses per
+            frame and object at most; None for as many as are usual. depth_mm: nearest and farthest.
 
     Raises:
         AcpLabError: options that contradict each other, or a file that cannot be written.
@@ -57,8 +61,9 @@ class DetectOptions:
     split: str = "test"
     scenes: tuple[int, ...] = ()
     step: int = 1
-    top: int = 3
+    top: int | None = None
     depth_mm: tuple[float, float] | None = None
+    each: bool = False
 
     def __post_init__(self) -> None:
         if self.depth_mm is not None:
@@ -116,7 +121,7 @@ def detect_parts(options: DetectOptions) -> None:
     from acp_lab.detection.config import DetectionConfig
     from acp_lab.files import write_whole
     from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
-    from acp_lab.tracking.find import Finder
+    from acp_lab.tracking.find import MOST_EACH, Finder
 
     jobs = _scene_jobs(options) if options.is_data_set else [_own_job(options)]
     config = None if options.depth_mm is None else DetectionConfig(depth_mm=options.depth_mm)
@@ -124,6 +129,7 @@ def detect_parts(options: DetectOptions) -> None:
         model.part.name: Finder(model, config)
         for model in {m.part.name: m for j in jobs for m in j.models.values()}.values()
     }
+    top = options.top or (MOST_EACH if options.each else _TOP)
     tiles = list[np.ndarray]()
     with ResultsWriter(options.out) as writer, console.Progress() as progress:
         for job in jobs:
@@ -140,22 +146,29 @@ def detect_parts(options: DetectOptions) -> None:
                 drawn: list[tuple[PreparedPart, tuple[Detection, ...]]] = []
                 for object_id, model in job.models.items():
                     begin = time.perf_counter()
-                    detections = finders[model.part.name].find(frame, options.top)
+                    finder = finders[model.part.name]
+                    detections = finder.find_each(frame, top) if options.each else finder.find(frame, top)
                     time_s = time.perf_counter() - begin
                     for one in detections:
                         writer.append(ResultRow(job.scene_id, frame.index, object_id, one.score, one.cam_T_obj, time_s))
-                    found[object_id] += bool(detections) and detections[0].is_accepted
-                    drawn.append((model, detections))
+                    accepted = sum(one.is_accepted for one in detections)
+                    found[object_id] += accepted if options.each else min(accepted, 1)
+                    drawn.append((model, _drawn(detections, options.each)))
                 if len(tiles) < _PICTURES:
                     tiles.append(_tile(frame, drawn, f"scene {job.scene_id}, image {frame.index}"))
             progress.close()
             for object_id, count in found.items():
                 name = job.models[object_id].part.name
-                print(f"scene {job.scene_id}, object {object_id} ({name}): found in {count} of {frames} frames")
+                what = f"{count} found in {frames} frames" if options.each else f"found in {count} of {frames} frames"
+                print(f"scene {job.scene_id}, object {object_id} ({name}): {what}")
     print(f"{options.out}: written")
     if tiles:
         write_whole(options.picture, _mosaic(tiles), "the picture")
         print(f"{options.picture}: written")
+
+
+def _drawn(detections: tuple[Detection, ...], each: bool) -> tuple[Detection, ...]:
+    return tuple(one for one in detections if not each or one.score >= _DRAWN_EACH)
 
 
 def _scene_jobs(options: DetectOptions) -> list[DetectJob]:
@@ -248,7 +261,8 @@ def _tile(frame: Frame, drawn: list[tuple[PreparedPart, tuple[Detection, ...]]],
     words = [title]
     for model, detections in drawn:
         for rank in reversed(range(len(detections))):
-            _draw(picture, frame, model, detections[rank], _COLOURS[min(rank, len(_COLOURS) - 1)])
+            one = detections[rank]
+            _draw(picture, frame, model, one, _COLOURS[0 if one.is_accepted else min(rank, len(_COLOURS) - 1)])
         scores = ", ".join(f"{one.score:.2f}" for one in detections) or "not found"
         words.append(f"{model.part.name}: {scores}")
     picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)

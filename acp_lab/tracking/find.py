@@ -33,6 +33,10 @@ from acp_lab.tracking.stopwatch import Stopwatch
 ACCEPTED = 0.8
 """From this score on a hypothesis counts as found. On frames of the tuning parts more than 97% of these are right."""
 ALIGNED, ALIGNED_NEAR = 12, 4
+PLACES, ALIGNED_EACH = 24, 3
+"""Of a search for each of several parts: places that are looked at, and candidates that are aligned in each."""
+MOST_EACH = 20
+"""Of these, so many are told."""
 LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
 """Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
 _RIVALS = 8
@@ -137,19 +141,13 @@ class Finder:
         if aligned_most is None:
             aligned_most = ALIGNED if prior is None else ALIGNED_NEAR
         looks = yield from (self._looks(frame) if prior is None else self._looks_near(frame, prior))
-        found = [(one.in_frame(candidate), one) for one in looks for candidate in one.look.candidates]
-        found.sort(key=lambda pair: -pair[0].score)
+        found = _best_first(looks)
         # A candidate has no key but itself; `found` keeps each alive.
         seen_in, aligned = {id(candidate): one for candidate, one in found}, list[Candidate]()
         for candidate in self._distinct((candidate for candidate, _ in found), aligned_most or _RIVALS):
             aligned.append(candidate)
-            if aligned_most == 0:
-                continue
-            one = seen_in[id(candidate)]
-            pose = yield from self._aligning(one.halves, candidate.cam_T_obj)
-            if pose is not None:
-                judged = yield from judging(one.look.witness, pose)
-                aligned += map(one.in_frame, judged)
+            if aligned_most > 0:
+                aligned += yield from self._aligned(candidate, seen_in[id(candidate)])
         if rival is not None:
             one = self._look_of(rival, looks)
             judged = yield from judging(one.look.witness, rival)
@@ -159,6 +157,47 @@ class Finder:
             Detection(c.cam_T_obj, score, self._view_obj(c.cam_T_obj))
             for c, score in zip(best[:top], shared_scores(best), strict=False)
         )
+
+    def find_each(self, frame: Frame, most: int = MOST_EACH) -> tuple[Detection, ...]:
+        """Up to `most` hypotheses, the best first, each in another place: of parts that are alike, as in a tray.
+
+        The score is how likely a pose is right if there may be others like it elsewhere.
+        """
+        check_frame(frame)
+        return finish(self._search_each(frame, most))
+
+    def _search_each(self, frame: Frame, most: int) -> Steps[tuple[Detection, ...]]:
+        looks = yield from self._looks(frame)
+        part, camera = self.model.part, frame.camera
+        places = list[list[Candidate]]()
+        aligned = list[Candidate]()
+        for candidate, one in _best_first(looks):
+            pose = candidate.cam_T_obj
+            here = next((place for place in places if not are_apart(part, camera, place[0].cam_T_obj, pose)), None)
+            if here is None and len(places) < PLACES:
+                places.append(here := [])
+            if here is None or len(here) == ALIGNED_EACH or self.is_same(pose, (c.cam_T_obj for c in here)):
+                continue
+            here.append(candidate)
+            aligned.append(candidate)
+            aligned += yield from self._aligned(candidate, one)
+        by_evidence = sorted(aligned, key=lambda candidate: -candidate.evidence.log_odds)
+        distinct = self._distinct(by_evidence, len(by_evidence))
+        odds, poses = np.exp([c.evidence.log_odds for c in distinct]), [c.cam_T_obj for c in distinct]
+        scored = sorted(zip(_in_place(part, camera, poses, odds), poses, strict=True), key=lambda pair: -pair[0])
+        found = list[Detection]()
+        for score, pose in scored:
+            if len(found) < most and all(are_apart(part, camera, other.cam_T_obj, pose) for other in found):
+                found.append(Detection(pose, score, self._view_obj(pose)))
+        return tuple(found)
+
+    def _aligned(self, candidate: Candidate, one: _Looked) -> Steps[list[Candidate]]:
+        """What becomes of a candidate of a look when it is aligned; empty where it leads nowhere."""
+        pose = yield from self._aligning(one.halves, candidate.cam_T_obj)
+        if pose is None:
+            return []
+        judged = yield from judging(one.look.witness, pose)
+        return [one.in_frame(candidate) for candidate in judged]
 
     def _looks_near(self, frame: Frame, prior: PosePrior) -> Steps[list[_Looked]]:
         """The one image that a search near a pose is of."""
@@ -276,7 +315,11 @@ def are_apart(part: Part, camera: Camera, cam_T_obj: FloatArray, other: FloatArr
 
 def scores_in_place(part: Part, camera: Camera, hypotheses: Sequence[Detection]) -> list[float]:
     """In [0, 1] each: how likely it is right if there may be others like it elsewhere; of all that a search found."""
-    odds, poses = _odds(hypotheses), [one.cam_T_obj for one in hypotheses]
+    return _in_place(part, camera, [one.cam_T_obj for one in hypotheses], _odds(hypotheses))
+
+
+def _in_place(part: Part, camera: Camera, poses: Sequence[FloatArray], odds: FloatArray) -> list[float]:
+    """In [0, 1] each: how likely poses (4, 4) are right, by their odds (n,), if only those in one place compete."""
     rivals = [[not are_apart(part, camera, one, other) for other in poses] for one in poses]
     return [float(own / (1.0 + odds[here].sum())) for own, here in zip(odds, rivals, strict=True)]
 
@@ -307,6 +350,12 @@ class LateFinder:
             self._finder = Finder(self._model)
             self._finder.prepare()
         return self._finder
+
+
+def _best_first(looks: Iterable[_Looked]) -> list[tuple[Candidate, _Looked]]:
+    """All candidates, as they appear in the frame, and where each was seen."""
+    found = [(one.in_frame(candidate), one) for one in looks for candidate in one.look.candidates]
+    return sorted(found, key=lambda pair: -pair[0].score)
 
 
 def _most_times(camera: Camera, reach_px: float = np.inf) -> int:
@@ -345,3 +394,16 @@ def detect(
         PreparationError: the part has neither templates nor visibility networks.
     """
     return Finder(model, config).find(frame, top)
+
+
+def detect_each(
+    model: PreparedPart, frame: Frame, most: int = MOST_EACH, config: DetectionConfig | None = None
+) -> tuple[Detection, ...]:
+    """Where are parts that are alike, as in a tray? Up to `most` hypotheses, each in another place, the best first.
+
+    Of those that are accepted (`Detection.is_accepted`) each can be taken for found. As `detect` else.
+
+    Raises:
+        PreparationError: the part has neither templates nor visibility networks.
+    """
+    return Finder(model, config).find_each(frame, most)

@@ -104,12 +104,12 @@ def _clutter_material(rng: np.random.Generator) -> surfaces.Material:
 
 @dataclass(frozen=True, eq=False)
 class Lying:
-    """Something on the bench: vertices (n, 3) mm in the world, faces (m, 3), its material and world_R_item (3, 3)."""
+    """Something on the bench: vertices (n, 3) mm in the world, faces (m, 3), its material and world_T_item (4, 4)."""
 
     vertices: np.ndarray
     faces: np.ndarray
     material_index: int
-    world_R_item: np.ndarray
+    world_T_item: np.ndarray
 
     @property
     def spot(self) -> tuple[np.ndarray, float]:
@@ -140,7 +140,8 @@ def look_alikes(
             far_mm += 3.0
         there.append(flat[:, :2] + far_mm * way)
         x, y = far_mm * way
-        placed.append(Lying(flat + on_table(turned, vertices, (x, y))[:3, 3], faces, 0, turned))
+        pose = on_table(turned, vertices, (x, y))
+        placed.append(Lying(flat + pose[:3, 3], faces, 0, pose))
     return placed
 
 
@@ -165,7 +166,7 @@ def bench(
     """All clutter and what is `lying` there, one body in world coordinates; no clutter within free_mm of the origin."""
     taken: list[tuple[np.ndarray, float]] = [(np.zeros(2), free_mm)] if free_mm > 0 else []
     taken += [item.spot for item in lying]
-    meshes = [(item.vertices, item.faces, item.material_index, item.world_R_item) for item in lying]
+    meshes = [(item.vertices, item.faces, item.material_index, item.world_T_item[:3, :3]) for item in lying]
     for k in range(count):
         if k % 3 == 1:
             vertices, faces = clutter.other_part(rng, rng.uniform(0.45, 0.95), avoid)

@@ -18,6 +18,7 @@ from acp_lab.geometry.pose import rotation_angle_deg
 from data_recipes.bop_writer import (
     Model,
     new_dataset,
+    pose_entry,
     visibility,
     write_image,
     write_json,
@@ -26,6 +27,7 @@ from data_recipes.bop_writer import (
 )
 from data_recipes.command import note
 from data_recipes.metal.cad_parts import CadPart
+from data_recipes.metal.look_alikes import look_alikes_in
 from data_recipes.metal.path_traced import path_tracer
 from data_recipes.metal.plan import Plan, SceneConfig
 from data_recipes.metal.random_parts import part_named
@@ -34,6 +36,8 @@ from data_recipes.metal.scene import Scene, make_scene
 from data_recipes.metal.sensor import make_sensor
 
 FPS = 30.0
+LOOK_ALIKES = "scene_look_alikes.json"
+"""Beside scene_gt.json, which has the tracked part alone."""
 
 
 def render_dataset(
@@ -108,6 +112,14 @@ def _render_scene(folder: Path, scene: Scene, renderer: FrameRenderer, object_id
         seen.append(visibility(picture.part_alone, picture.part_seen))
     poses = np.stack([scene.cam_T_part(frame) for frame in range(scene.config.frames)])
     write_scene(folder, [scene.camera.matrix] * scene.config.frames, object_id, poses, seen)
+    if scene.look_alikes:
+        write_json(folder / LOOK_ALIKES, {str(k): _others(scene, k, object_id) for k in range(scene.config.frames)})
+
+
+def _others(scene: Scene, frame: int, object_id: int) -> list[dict[str, object]]:
+    """The parts like the tracked one in a frame, as BOP's scene_gt.json has poses, and what share of each is seen."""
+    found = look_alikes_in(scene, frame)
+    return [{**pose_entry(one.cam_T_obj, object_id), "visib_fract": round(one.visible, 4)} for one in found]
 
 
 def _meta(scene: Scene, scene_id: int, object_id: int, part: CadPart) -> dict[str, object]:

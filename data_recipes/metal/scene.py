@@ -72,6 +72,7 @@ class Scene:
     anchor: np.ndarray  # world_T_part when the part lies, world_T_cam when it is held
     part: Body
     bench: Body
+    look_alikes: tuple[np.ndarray, ...]  # world_T_item of each, part of the bench
     handle: Body | None
     occluder: Body | None
     occluder_path: PosePath | None
@@ -152,7 +153,8 @@ def make_scene(part: CadPart, config: SceneConfig) -> Scene:
     lights = _lights(np.random.default_rng([config.seed, 8]), config.frames) if config.kind == "reflection" else None
     exposure = float(np.random.default_rng([config.seed, 9]).uniform(0.10, 0.25))
     return Scene(
-        config, camera, truth, _shake(config), held, anchor, body, bench, handle, occluder, path, materials,
+        config, camera, truth, _shake(config), held, anchor, body, bench,
+        tuple(item.world_T_item for item in lying), handle, occluder, path, materials,
         tuple(m.name for m in stock.materials), table, room, lights, exposure,
     )  # fmt: skip
 

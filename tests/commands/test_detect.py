@@ -83,6 +83,26 @@ def test_data_set(capsys: pytest.CaptureFixture[str], few_frames: Path, sample_p
     assert picture.shape[1] == 2 * 640
 
 
+def test_each_counts_for_itself(
+    capsys: pytest.CaptureFixture[str], few_frames: Path, sample_parts: Path, tmp_path: Path
+) -> None:
+    """The sample's part is there once; without a number more is told than the three of a search for the one."""
+    out = tmp_path / "found.csv"
+    outcome = run(capsys, "detect", few_frames, "--each", "--parts", sample_parts, "--out", out, "--step", "3")
+    assert outcome.status == 0, outcome.err
+    assert "1 found in 2 frames" in outcome.out
+    last = sample_scene().frame_ids[3]
+    with out.open() as file:
+        mine = [row for row in csv.DictReader(file) if int(row["im_id"]) == last]
+    assert 3 < len(mine) <= 20
+    pose = np.eye(4)
+    pose[:3, :3] = np.array(mine[0]["R"].split(), float).reshape(3, 3)
+    pose[:3, 3] = np.array(mine[0]["t"].split(), float)
+    assert error_share(pose, last) < 0.05
+    assert float(mine[0]["score"]) >= 0.8 > float(mine[1]["score"])
+    assert (tmp_path / "found.png").is_file()
+
+
 def test_one_image(capsys: pytest.CaptureFixture[str], few_frames: Path, sample_parts: Path, tmp_path: Path) -> None:
     frame_id = sample_scene().frame_ids[1]
     image = next(path for path in (few_frames / "test/000001/rgb").iterdir() if int(path.stem) == frame_id)

@@ -17,6 +17,7 @@ from acp_lab.cad.raycast import EmbreeCaster
 from acp_lab.geometry.pose import check_rotation, inverse, rotation_angle_deg, transform
 from data_recipes.metal.cad_parts import make_part
 from data_recipes.metal.edge_break import find_creases
+from data_recipes.metal.look_alikes import look_alikes_in
 from data_recipes.metal.motion import shake
 from data_recipes.metal.plan import KINDS, Kind, SceneConfig
 from data_recipes.metal.random_parts import asymmetric_parts, part_named, random_part
@@ -266,6 +267,36 @@ def test_parts_like_the_tracked_one_lie_around_it_and_touch_nothing(kind: Kind, 
     ]
     assert min(gaps_mm) > 2.9
     assert max(gaps_mm) < part.diameter
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("regular", 2), ("rotation", 2)])
+def test_it_is_known_where_parts_like_the_tracked_one_lie_and_what_is_seen_of_them(kind: Kind, seed: int) -> None:
+    config, part = SceneConfig(kind, 3, 96, 80, seed=seed, clutter=2, look_alikes=4), make_part("lever_arm")
+    scene = make_scene(part, config)
+    size, moment = len(part.vertices), scene.at(1.0)
+    lying = scene.bench.vertices[: 4 * size].reshape(4, size, 3)
+    found = look_alikes_in(scene, 1)
+    for one, vertices in zip(found, lying, strict=True):
+        in_camera = transform(inverse(moment.world_T_cam), vertices)
+        np.testing.assert_allclose(transform(one.cam_T_obj, scene.part.vertices), in_camera, atol=1e-6)
+        pixels = scene.camera.project(in_camera)
+        if (pixels.max(0) < 0).any() or (pixels.min(0) > [95, 79]).any():
+            assert one.visible == 0.0
+    # As much as is seen in a picture without anything else.
+    alone = make_scene(part, replace(config, clutter=0))
+    assert all(a.visible >= b.visible for a, b in zip(look_alikes_in(alone, 1), found, strict=True))
+    assert max(one.visible for one in found) > 0.5
+
+
+def test_a_part_that_hides_another_is_seen_of_that_one() -> None:
+    """The tracked part counts as what hides."""
+    part = make_part("lever_arm")
+    scene = make_scene(part, SceneConfig("regular", 2, 96, 80, seed=2, clutter=0, look_alikes=1))
+    there = scene.anchor.copy()
+    there[:3, 3] -= 2.0 * scene.at(0.0).world_T_cam[:3, 2]  # towards the camera, in front of the part
+    there[:3, 3] += 4.0 * scene.at(0.0).world_T_cam[:3, 2]  # and behind it: its own shape hides it
+    (hidden,) = look_alikes_in(replace(scene, look_alikes=(there,)), 0)
+    assert hidden.visible < 0.35
 
 
 def test_what_passes_in_front_is_a_part_lying_where_such_lie_around() -> None:
