@@ -30,6 +30,9 @@ def look_alikes_in(scene: Scene, frame: int) -> list[LookAlike]:
     found = []
     for world_T_item in scene.look_alikes:
         cam_T_obj = cam_T_world @ world_T_item
+        # How a part rests was rounded; told is the rotation that is nearest to it.
+        left, _, right = np.linalg.svd(cam_T_obj[:3, :3])
+        cam_T_obj[:3, :3] = left @ right
         found.append(LookAlike(cam_T_obj, _visible(scene, frame, cam_T_obj)))
     return found
 
