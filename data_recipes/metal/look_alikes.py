@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acp_lab.geometry.pose import inverse, transform
+from acp_lab.geometry.pose import inverse, make_pose, transform
 from data_recipes.metal.scene import Scene
 
 # Every so many-th pixel each way is asked what it shows.
@@ -24,16 +24,17 @@ class LookAlike:
 
 
 def look_alikes_in(scene: Scene, frame: int) -> list[LookAlike]:
-    """All of a scene's, in a frame."""
-    moment = scene.at(float(frame))
-    cam_T_world = inverse(moment.world_T_cam)
+    """All of a scene's, in a frame: those that lie there, and the one that passes in front."""
+    cam_T_world = inverse(scene.at(float(frame)).world_T_cam)
+    there = [cam_T_world @ world_T_item for world_T_item in scene.look_alikes]
+    if scene.look_alikes and scene.occluder_path is not None:
+        there.append(scene.occluder_path.at(float(frame)))
     found = []
-    for world_T_item in scene.look_alikes:
-        cam_T_obj = cam_T_world @ world_T_item
+    for cam_T_obj in there:
         # How a part rests was rounded; told is the rotation that is nearest to it.
         left, _, right = np.linalg.svd(cam_T_obj[:3, :3])
-        cam_T_obj[:3, :3] = left @ right
-        found.append(LookAlike(cam_T_obj, _visible(scene, frame, cam_T_obj)))
+        pose = make_pose(left @ right, cam_T_obj[:3, 3])
+        found.append(LookAlike(pose, _visible(scene, frame, pose)))
     return found
 
 

@@ -308,6 +308,9 @@ def test_what_passes_in_front_is_a_part_lying_where_such_lie_around() -> None:
     assert usual.occluder is not None
     np.testing.assert_array_equal(scene.occluder.vertices[: len(scene.part.vertices)], scene.part.vertices)
     assert not np.array_equal(usual.occluder.vertices[:3], scene.part.vertices[:3])
+    *_, passing = look_alikes_in(scene, 1)
+    np.testing.assert_allclose(passing.cam_T_obj, scene.occluder_path.at(1.0), atol=1e-9)  # type: ignore[union-attr]
+    assert passing.visible > 0.5
     picture = Renderer(scene).frame(1)
     assert 0.3 < picture.part_seen.sum() / picture.part_alone.sum() < 0.9
 
