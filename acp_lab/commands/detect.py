@@ -168,7 +168,8 @@ def detect_parts(options: DetectOptions) -> None:
 
 
 def _drawn(detections: tuple[Detection, ...], each: bool) -> tuple[Detection, ...]:
-    return tuple(one for one in detections if not each or one.score >= _DRAWN_EACH)
+    """What the picture shows of what was found; of each part that is alike the likely ones, or else the best."""
+    return tuple(one for one in detections if not each or one.score >= _DRAWN_EACH) or detections[:1]
 
 
 def _scene_jobs(options: DetectOptions) -> list[DetectJob]:

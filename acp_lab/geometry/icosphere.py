@@ -16,8 +16,8 @@ from acp_lab.geometry.arrays import FloatArray
 def icosphere(subdivisions: int) -> FloatArray:
     """(10 * 4 ** subdivisions + 2, 3) unit vectors; those of fewer subdivisions come first."""
     golden = 0.5 * (1.0 + np.sqrt(5.0))
-    # Corners of an icosahedron: those of three golden rectangles.
-    corners = [np.roll((0.0, s, t * golden), k) for k in range(3) for s in (-1.0, 1.0) for t in (-1.0, 1.0)]
+    # Corners of an icosahedron: those of three golden rectangles, in trimesh's order.
+    corners = [np.roll((0.0, s, t * golden), k) for k in (2, 0, 1) for t in (1.0, -1.0) for s in (-1.0, 1.0)]
     vertices = np.array(corners) / np.hypot(1.0, golden)
     side = np.linalg.norm(vertices[:, None] - vertices, axis=2)
     near = side < 1.01 * side[side > 0.0].min()

@@ -148,7 +148,10 @@ def rotation_between(before: FloatArray, after: FloatArray, focal_px: float) -> 
 
 @kernel("i8(f8[:, ::1], f8[:, ::1], f8, f8[::1])")
 def _fit_turn(before: FloatArray, after: FloatArray, focal_px: float, vector: FloatArray) -> int:
-    """Fill vector (3,), see `rotation_between`; returns how many rays (n, 3) it brings to the others."""
+    """Fill vector (3,), see `rotation_between`; returns how many rays (n, 3) it brings to the others.
+
+    None of them where one is no ray.
+    """
     count = len(before)
     off_px, weights, old, new = np.empty(count), np.empty(count), np.empty((count, 3)), np.empty((count, 3))
     for i in range(count):
@@ -156,6 +159,8 @@ def _fit_turn(before: FloatArray, after: FloatArray, focal_px: float, vector: Fl
         new[i] = after[i] / np.sqrt((after[i] ** 2).sum())
     # To begin with, those count that go about as far as most.
     usual, way = np.empty(3), new - old
+    if not np.isfinite(way.sum()):
+        return 0
     for k in range(3):
         usual[k] = median(way[:, k].copy())
     for i in range(count):

@@ -187,7 +187,11 @@ class Finder:
         scored = sorted(zip(_in_place(part, camera, poses, odds), poses, strict=True), key=lambda pair: -pair[0])
         found = list[Detection]()
         for score, pose in scored:
-            if len(found) < most and all(are_apart(part, camera, other.cam_T_obj, pose) for other in found):
+            # Both ways: seen from a turned part, the other may be nearer than half of its own width.
+            others = [one.cam_T_obj for one in found]
+            if len(found) < most and all(
+                are_apart(part, camera, other, pose) and are_apart(part, camera, pose, other) for other in others
+            ):
                 found.append(Detection(pose, score, self._view_obj(pose)))
         return tuple(found)
 

@@ -20,5 +20,10 @@ def test_it_has_the_directions_of_trimesh(subdivisions: int) -> None:
     np.testing.assert_allclose(found, expected[nearest], atol=1e-12)
 
 
+def test_corners_of_an_icosahedron_come_as_trimesh_has_them() -> None:
+    """The detector numbers groups of views by them."""
+    np.testing.assert_allclose(icosphere(0), trimesh.creation.icosphere(subdivisions=0).vertices, atol=1e-15)
+
+
 def test_those_of_fewer_subdivisions_come_first() -> None:
     np.testing.assert_array_equal(icosphere(3)[:162], icosphere(2))

@@ -93,6 +93,15 @@ def test_rays_that_are_one_and_the_same_break_nothing(count: int) -> None:
     assert found is None if count < 12 else np.isfinite(found).all()
 
 
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+def test_what_is_no_ray_tells_nothing(value: float) -> None:
+    rays = CAMERA.rays(np.random.default_rng(0).uniform(0, 500, (40, 2)))
+    wrong = rays.copy()
+    wrong[3] = value
+    assert rotation_between(rays, rays, CAMERA.fx) is not None
+    assert rotation_between(rays, wrong, CAMERA.fx) is None
+
+
 def test_rays_that_go_anywhere_tell_nothing() -> None:
     rng = np.random.default_rng(1)
     rays = CAMERA.rays(rng.uniform(0, 500, (60, 2)))

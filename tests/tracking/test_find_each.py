@@ -68,7 +68,9 @@ def test_hypotheses_are_apart_and_the_best_comes_first() -> None:
     scores = [one.score for one in found]
     assert scores == sorted(scores, reverse=True)
     for k, one in enumerate(found):
-        assert all(are_apart(PART, CAMERA, other.cam_T_obj, one.cam_T_obj) for other in found[:k])
+        for other in found[:k]:
+            assert are_apart(PART, CAMERA, other.cam_T_obj, one.cam_T_obj)
+            assert are_apart(PART, CAMERA, one.cam_T_obj, other.cam_T_obj)
         centre = np.linalg.inv(one.cam_T_obj)[:3, 3]
         np.testing.assert_allclose(one.view_obj, (centre - PART.box_centre) / np.linalg.norm(centre - PART.box_centre))
     fewer = finder().find_each(picture(*TRAY[:3]), most=2)
