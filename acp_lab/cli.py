@@ -250,7 +250,7 @@ def detect(
     step: Annotated[int, typer.Option(min=1, help="Look at every N-th frame.", metavar="N")] = 1,
     each: Annotated[
         bool,
-        typer.Option("--each", help="Several parts alike lie there, as in a tray: find each of them, and not the one."),
+        typer.Option("--each", help="Find each of several parts that are alike, as in a tray."),
     ] = False,
     top: Annotated[
         int | None,
