@@ -112,13 +112,13 @@ def search(scene: BopScene, finder: Finder) -> list[tuple[Searched, Searched]]:
 def _of_parts(searched: Sequence[Searched], least: float) -> dict[str, float]:
     """Of the parts that are seen by a least share."""
     seen = np.concatenate([one.visible for one in searched]) >= least
-    found = np.concatenate([np.any(one.right[one.accepted], axis=0, keepdims=True)[0] for one in searched])[seen]
-    among = np.concatenate([np.any(one.right, axis=0, keepdims=True)[0] for one in searched])[seen]
+    found = np.concatenate([one.right[one.accepted].max(0, initial=False) for one in searched])[seen]
+    among = np.concatenate([one.right.max(0, initial=False) for one in searched])[seen]
     return {"parts": len(found), "found": float(found.mean()), "among": float(among.mean())} if len(found) else {}
 
 
 def _of_frames(searched: Sequence[Searched]) -> dict[str, float]:
-    accepted = np.concatenate([np.any(one.right[one.accepted], axis=1, keepdims=True)[:, 0] for one in searched])
+    accepted = np.concatenate([one.right[one.accepted].max(1, initial=False) for one in searched])
     return {
         "frames": len(searched),
         "accepted": len(accepted),

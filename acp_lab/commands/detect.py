@@ -35,7 +35,8 @@ _DRAWN_EACH = 0.5
 _PICTURES = 12
 """Frames that the picture shows at most, evenly spread."""
 _PICTURE_WIDTH = 640
-_COLOURS = ((0, 200, 0), (255, 150, 0), (220, 0, 200))
+_ACCEPTED, _OTHERS = (0, 200, 0), ((255, 150, 0), (220, 0, 200))
+"""RGB of hypotheses that are accepted, and of others, the best first."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def detect_parts(options: DetectOptions) -> None:
                         writer.append(ResultRow(job.scene_id, frame.index, object_id, one.score, one.cam_T_obj, time_s))
                     accepted = sum(one.is_accepted for one in detections)
                     found[object_id] += accepted if options.each else min(accepted, 1)
-                    drawn.append((model, _drawn(detections, options.each)))
+                    drawn.append((model, _likely(detections) if options.each else detections))
                 if len(tiles) < _PICTURES:
                     tiles.append(_tile(frame, drawn, f"scene {job.scene_id}, image {frame.index}"))
             progress.close()
@@ -167,9 +168,9 @@ def detect_parts(options: DetectOptions) -> None:
         print(f"{options.picture}: written")
 
 
-def _drawn(detections: tuple[Detection, ...], each: bool) -> tuple[Detection, ...]:
-    """What the picture shows of what was found; of each part that is alike the likely ones, or else the best."""
-    return tuple(one for one in detections if not each or one.score >= _DRAWN_EACH) or detections[:1]
+def _likely(detections: tuple[Detection, ...]) -> tuple[Detection, ...]:
+    """Those that are not unlikely, or else the best."""
+    return tuple(one for one in detections if one.score >= _DRAWN_EACH) or detections[:1]
 
 
 def _scene_jobs(options: DetectOptions) -> list[DetectJob]:
@@ -263,7 +264,7 @@ def _tile(frame: Frame, drawn: list[tuple[PreparedPart, tuple[Detection, ...]]],
     for model, detections in drawn:
         for rank in reversed(range(len(detections))):
             one = detections[rank]
-            _draw(picture, frame, model, one, _COLOURS[0 if one.is_accepted else min(rank, len(_COLOURS) - 1)])
+            _draw(picture, frame, model, one, _ACCEPTED if one.is_accepted else _OTHERS[min(rank, len(_OTHERS) - 1)])
         scores = ", ".join(f"{one.score:.2f}" for one in detections) or "not found"
         words.append(f"{model.part.name}: {scores}")
     picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)

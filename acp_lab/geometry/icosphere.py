@@ -1,6 +1,6 @@
 """Directions spread evenly over a sphere: the corners of an icosahedron whose faces are divided in four, over and over.
 
-Trimesh makes them too, but takes a second and much memory to be imported, and whoever tracks a prepared part needs
+Trimesh makes them too, but takes half a second and tens of MB to be imported, and whoever tracks a prepared part needs
 nothing else of it.
 """
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import ByteImage, IntArray
+from acp_lab.geometry.middle import counted_percentiles
 
 # Pixels that are asked, in whole rows; and without how many nothing is told.
 _PIXELS, _LEAST_PIXELS = 40_000, 1000
@@ -18,6 +19,7 @@ _PIXELS, _LEAST_PIXELS = 40_000, 1000
 _BLACK, _WHITE = 3, 252
 # The median of a Gaussian's size, and the root of the sum of the filter's squares, 1 -2 1 each way.
 _MEDIAN, _GAIN = 0.6745, 6.0
+_HALF = np.array([50.0])
 # What the filter makes of white beside black at most: its positive weights add up to 8.
 _MOST_DIFFERENCE = 8 * 255
 
@@ -38,13 +40,9 @@ def noise_levels(image: ByteImage) -> float | None:
     above, here, below = (_grey(image[first::step][:count]) for first in range(3))
     counts = np.zeros(_MOST_DIFFERENCE + 1, np.int64)
     _count_differences(above, here, below, counts)
-    told = int(counts.sum())
-    if told < _LEAST_PIXELS:
+    if counts.sum() < _LEAST_PIXELS:
         return None
-    # The median of whole numbers, by how often each is there.
-    up_to = counts.cumsum()
-    low, high = np.searchsorted(up_to, [(told - 1) // 2, told // 2], side="right")
-    return 0.5 * float(low + high) / (_MEDIAN * _GAIN)
+    return float(counted_percentiles(counts, _HALF)[0]) / (_MEDIAN * _GAIN)
 
 
 def _grey(rows: ByteImage) -> ByteImage:

@@ -62,7 +62,7 @@ def instance_truths(path: Path) -> dict[int, tuple[SceneTruth, ...]]:
     (Hungarian assignment); two parts cannot be in one place. One that appears later than the others is left out: no
     start pose tells it apart. Raises InputFileError as `SceneTruth.from_file`.
     """
-    # Here, as it takes a while, and most data sets show each part once.
+    # Here, as it takes a while, and who tracks one part never gets here.
     from scipy.optimize import linear_sum_assignment
 
     by_frame: dict[int, dict[int, list[FloatArray]]] = {}

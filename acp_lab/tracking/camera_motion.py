@@ -128,7 +128,7 @@ class CameraFollower:
 
     def _jerk(self, turn: FloatArray, cam_T_obj: FloatArray) -> FloatArray | None:
         """(6,) step of the part, at a pose (4, 4), by a camera's turn (3,); None for one that is too small."""
-        if not turn.any():
+        if not turn.any():  # as in every frame of a camera that stands still
             return None
         (a, b, c), (x, y, z) = turn.tolist(), transform(cam_T_obj, self._part.box_centre).tolist()
         shift = b * z - c * y, c * x - a * z, a * y - b * x

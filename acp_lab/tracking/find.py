@@ -31,7 +31,8 @@ from acp_lab.tracking.search import WIDE_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
 
 ACCEPTED = 0.8
-"""From this score on a hypothesis counts as found. On frames of the tuning parts more than 97% of these are right."""
+"""From this score on a hypothesis counts as found. On frames of the tuning parts more than 97% of these are right,
+where several parts are alike fewer (docs/detection.md)."""
 ALIGNED, ALIGNED_NEAR = 12, 4
 PLACES, ALIGNED_EACH = 24, 3
 """Of a search for each of several parts: places that are looked at, and candidates that are aligned in each."""
@@ -187,11 +188,11 @@ class Finder:
         scored = sorted(zip(_in_place(part, camera, poses, odds), poses, strict=True), key=lambda pair: -pair[0])
         found = list[Detection]()
         for score, pose in scored:
-            # Both ways: seen from a turned part, the other may be nearer than half of its own width.
-            others = [one.cam_T_obj for one in found]
-            if len(found) < most and all(
-                are_apart(part, camera, other, pose) and are_apart(part, camera, pose, other) for other in others
-            ):
+            if len(found) == most:
+                break
+            # Both ways, as the width that counts is the second one's.
+            pairs = (pair for one in found for pair in ((one.cam_T_obj, pose), (pose, one.cam_T_obj)))
+            if all(are_apart(part, camera, *pair) for pair in pairs):
                 found.append(Detection(pose, score, self._view_obj(pose)))
         return tuple(found)
 

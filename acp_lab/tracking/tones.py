@@ -19,6 +19,7 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray, writable
+from acp_lab.geometry.middle import counted_percentiles
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.bands import Bands
 from acp_lab.tracking.frame_view import Box
@@ -183,25 +184,14 @@ def _mean_distance(before: IntArray, now: IntArray) -> float:
     return apart / 3.0
 
 
-def _percentiles(counts: IntArray, ranks: FloatArray) -> FloatArray:
-    """Those of pixels counted by their grey value (256,), as `numpy.percentile` gives them, without sorting."""
-    last = counts.sum() - 1
-    places = ranks / 100.0 * last
-    below = np.floor(places)
-    up_to = np.cumsum(counts)
-    low, high = (np.searchsorted(up_to, np.minimum(below + k, last), side="right") for k in (0, 1))
-    found: FloatArray = low + (places - below) * (high - low)
-    return found
-
-
 def _spread(counts: IntArray) -> float:
     """Mean distance of counted pixels from their median."""
-    return float(counts @ np.abs(_GREYS - _percentiles(counts, np.array([50.0])))) / float(counts.sum())
+    return float(counts @ np.abs(_GREYS - counted_percentiles(counts, np.array([50.0])))) / float(counts.sum())
 
 
 def _matched(before: IntArray, now: IntArray) -> FloatArray:
     """(256,) the curve that gives the pixels now the histogram of those before; both counted by grey value."""
-    wanted, given = _percentiles(before, _RANKS), _percentiles(now, _RANKS)
+    wanted, given = counted_percentiles(before, _RANKS), counted_percentiles(now, _RANKS)
     greys, rank = np.unique(given, return_inverse=True)
     mean = np.bincount(rank, wanted) / np.bincount(rank)
     return np.asarray(np.interp(_GREYS, greys, mean))

@@ -442,7 +442,7 @@ def test_eval_of_missing_things(capsys: pytest.CaptureFixture[str], dataset: Pat
 def test_whoever_tracks_prepared_parts_waits_for_no_library_that_is_not_needed(
     dataset: Path, parts: Path, tmp_path: Path
 ) -> None:
-    """Each of these takes half a second and tens of MB."""
+    """Trimesh alone, with what it brings, takes half a second and tens of MB."""
     heavy = ("torch", "kornia", "rerun", "matplotlib", "pyrender", "trimesh", "networkx", "scipy.optimize")
     words = ["track", str(dataset), "--parts", str(parts), "--out", str(tmp_path / "out.csv")]
     code = (

@@ -11,6 +11,7 @@ import pytest
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.middle import counted_percentiles as _percentiles
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP
@@ -20,7 +21,6 @@ from acp_lab.tracking.tones import (
     Tones,
     _mean_difference,
     _mean_distance,
-    _percentiles,
     _some_pixels,
     _spread,
 )
