@@ -123,9 +123,19 @@ def sample_edges(
     Time and memory are linear in the number of faces.
 
     Raises:
-        PartError: the mesh is flat, or has no edge that could be seen (every one is shared by three faces or more).
+        PartError: the mesh is flat, a ball, or has no edge that could be seen (every one is shared by three faces or
+            more).
+
+    A smooth body, with no crease and no rim, has its outline alone, which is told as a RuntimeWarning.
     """
     found = _mesh_edges(part, crease_angle_deg)
+    if not found.crease.any() and not len(found.rim_vertices):
+        warnings.warn(
+            f"{part.path or part.name}: no two faces meet at more than {crease_angle_deg:g} degrees, so the part is "
+            "tracked by its outline alone; turns that leave the outline as it is are not seen",
+            RuntimeWarning,
+            stacklevel=2,
+        )
     spacing = part.diameter / 160.0 if spacing_mm is None else spacing_mm
     creases_and_rims = [found.vertex_pairs[found.crease], found.rim_vertices]
     spacing = _affordable(part, creases_and_rims, spacing, spacing_mm is None, max_crease_samples)
@@ -258,11 +268,8 @@ def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
     smooth = (angle_deg > FLAT_ANGLE_DEG) & ~crease & convex
     rim_vertices, rim_faces = _open_rims(mesh)
     has_rims = len(rim_vertices) > 0
-    if smooth.any() and not crease.any() and not has_rims:
-        raise PartError(
-            f"{part.path or part.name}: the mesh has no edges to track (no two faces meet at more than "
-            f"{crease_angle_deg:g} degrees); a smooth body's outline alone does not fix its pose"
-        )
+    if smooth.any() and not crease.any() and not has_rims and _is_ball(part):
+        raise PartError(f"{part.path or part.name}: a ball looks the same from all sides, so it has no pose to track")
     if not (smooth.any() or crease.any() or has_rims):
         raise PartError(
             f"{part.path or part.name}: the mesh has no edges to track (each is shared by three faces or more); "
@@ -270,6 +277,12 @@ def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
         )
     vertex_pairs, face_pairs = np.asarray(mesh.face_adjacency_edges), np.asarray(mesh.face_adjacency)
     return _MeshEdges(face_normals, vertex_pairs, face_pairs, crease, smooth, convex, rim_vertices, rim_faces)
+
+
+def _is_ball(part: Part) -> bool:
+    """Whether all vertices are as far from the middle of the box, within 1% of the diameter."""
+    far = np.linalg.norm(part.vertices - part.box_centre, axis=1)
+    return float(np.ptp(far)) < 0.01 * part.diameter
 
 
 def _open_rims(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:

@@ -55,8 +55,8 @@ def as_number(answer: Any, what: str) -> float:
 
 
 def as_choice(answer: Any, choices: Sequence[str]) -> str:
-    """The answer as one of the choices, whatever its case and spaces. Raises Hint that lists them."""
-    text = " ".join(str(answer).lower().split()) if isinstance(answer, str) else ""
+    """The answer as one of the choices, whatever its case and spaces; α is alpha. Raises Hint that lists them."""
+    text = " ".join(str(answer).lower().replace("α", "alpha").split()) if isinstance(answer, str) else ""
     for choice in choices:
         if text == choice.lower():
             return choice

@@ -86,7 +86,7 @@ def obedient(answer: Any) -> str:
     if rigid:
         raise Hint("One of yours takes the pose from PnP first. Can a rigid part be where these points are?")
     if not chosen:
-        raise Hint("Two of them do. Look at the pictures of the pulled point: where does the quad end?")
+        raise Hint("Two of them do: those whose map takes any four points to any other four. Which maps can?")
     raise Hint("One more does: count how many numbers its map has, and how many the four points give.")
 
 

@@ -167,7 +167,8 @@ def fast_motion(innovation_px: float, reach_px: int, config: DiagnosisConfig) ->
         f"the part was {innovation_px:.0f} px from its predicted position; image edges are searched for within "
         f"{reach_px} px.",
         f"more frames per second; by --config schedule.levels, the first one's reach_px of at least "
-        f"{math.ceil(innovation_px)}, and sight.reach larger, so that the part's last picture is found",
+        f"{math.ceil(innovation_px)}; where the method has a sight, as acp has, sight.reach larger, too, so that the "
+        "part's last picture is found",
         innovation_px,
         reach_px + config.recovery_px,
     )

@@ -16,6 +16,7 @@ from manifold3d import CrossSection, Manifold
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
+from data_recipes.metal.formed_parts import FORMED, FORMED_SYMMETRIES
 from data_recipes.metal.machined_parts import MACHINED, SYMMETRIES
 from data_recipes.metal.solids import (
     block,
@@ -194,6 +195,7 @@ PARTS: dict[str, tuple[int, Callable[[], Manifold]]] = {
     "lever_arm": (4, lever_arm),
     "v_block": (1, v_block),
     **MACHINED,
+    **FORMED,
 }
 """Group and builder by name, in the order of `plan.PART_NAMES`."""
 
@@ -203,4 +205,5 @@ def make_part(name: str) -> CadPart:
     group, build = PARTS[name]
     vertices, faces = mesh_arrays(build())
     vertices -= (vertices.min(0) + vertices.max(0)) / 2
-    return CadPart(name, group, vertices.astype(np.float32).astype(np.float64), faces, SYMMETRIES.get(name, {}))
+    symmetries = {**SYMMETRIES, **FORMED_SYMMETRIES}.get(name, {})
+    return CadPart(name, group, vertices.astype(np.float32).astype(np.float64), faces, symmetries)

@@ -164,14 +164,14 @@ MACHINED: dict[str, tuple[int, Callable[[], Manifold]]] = {
 """Group and builder by name."""
 
 
-def _turn_about_z(degrees: float) -> list[float]:
+def turn_about_z(degrees: float) -> list[float]:
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
     return [float(value) for value in turn.ravel()]
 
 
 SYMMETRIES: dict[str, dict[str, object]] = {
-    "flange_nut": {"symmetries_discrete": [_turn_about_z(60 * k) for k in range(1, 6)]},
+    "flange_nut": {"symmetries_discrete": [turn_about_z(60 * k) for k in range(1, 6)]},
     "bearing_ring": {"symmetries_continuous": [{"axis": [0.0, 0.0, 1.0], "offset": [0.0, 0.0, 0.0]}]},
 }
 """What models_info.json says of the parts that have symmetries."""

@@ -18,6 +18,9 @@ PART_NAMES = (
     "slot_block", "l_bracket", "u_clevis", "flange_hub", "valve_body", "finned_cover", "lever_arm", "v_block",
     "keyed_shaft", "t_slot_plate", "cover_plate", "flange_nut", "bearing_ring", "pillow_block",
     "corner_bracket", "port_block", "cam_disc", "fork_end", "heat_sink", "tee_fitting",
+    "connecting_rod", "spur_gear", "bent_pipe", "bent_bracket", "hexagon_bolt", "turbine_blade", "sieve_plate",
+    "torsion_spring", "forged_lever", "pump_housing", "helical_pinion", "crane_hook", "knurled_knob", "spanner",
+    "impeller", "door_handle",
 )  # fmt: skip
 FIRST_PARTS = PART_NAMES[:7]
 """The default parts, and those that serve as clutter. Later parts stay out of it: another one would change what every

@@ -126,6 +126,21 @@ def test_flat_meshes_and_those_with_a_lining_are_refused() -> None:
         sample_edges(lined)
 
 
+def test_a_smooth_body_has_its_outline_alone_and_a_ball_has_no_pose() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=20.0)
+    with pytest.raises(PartError, match="ball: a ball looks the same from all sides"):
+        sample_edges(Part.from_mesh(ball.vertices, ball.faces, "ball"))
+    with pytest.warns(RuntimeWarning, match=r"egg: no two faces .* tracked by its outline alone"):
+        edges = sample_edges(Part.from_mesh(ball.vertices * [1.0, 1.2, 1.6], ball.faces, "egg"))
+    eye = np.array([300.0, 0.0, 0.0])
+    shows = facing(edges, eye)
+    assert not edges.crease.any()
+    assert shows.shows.sum() > 20
+    np.testing.assert_array_equal(shows.shows, shows.outline)
+    # The outline of an ellipsoid lies in the polar plane of the eye: x = a^2 / distance.
+    np.testing.assert_allclose(edges.points_obj[shows.shows, 0], 20.0**2 / 300.0, atol=1.5)
+
+
 def test_a_part_that_a_file_holds_twice_has_its_edges_once() -> None:
     part = box()
     vertices, faces = np.tile(part.vertices, (2, 1)), np.concatenate([part.faces, part.faces + len(part.vertices)])

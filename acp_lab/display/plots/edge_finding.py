@@ -48,7 +48,7 @@ def draw_profile(
     candidates = search_along_normals(patch, point[None], normal[None], reach_px, config)
     found = candidates.scores[0] > 0.0
     offsets, scores = candidates.offsets[0][found], candidates.scores[0][found]
-    # Of the curve: the search itself goes by the slope of grey levels, which at an edge differs from that of light.
+    # Candidates are the peaks of light's slope, placed between the samples that are drawn.
     heights = np.interp(offsets, steps, 10.0 * np.abs(gradient))
     for number, order in enumerate(np.argsort(-scores)):
         axes.plot(offsets[order], heights[order], "o", color=POINTS, markersize=5.0, label=_once("candidates", number))
@@ -58,7 +58,7 @@ def draw_profile(
     if way_px is not None:
         axes.axvline(way_px, color=TRUTH, linewidth=2.0, label="its true place")
     axes.set_xlabel("along the normal [px]")
-    axes.set_ylabel("grey levels")
+    axes.set_ylabel("grey level; 10 x light per px")
     axes.set_ylim(0.0, 1.15 * max(float(grey.max()), 10.0 * float(np.abs(gradient).max())))
 
 

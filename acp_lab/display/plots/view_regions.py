@@ -63,8 +63,8 @@ def draw_tilts(axes: Axes, tilts: FloatArray, values: FloatArray, way: FloatArra
     axes.plot(0.0, 0.0, "o", color="white", markerfacecolor="none", markersize=9.0, label="middle section")
     if way is not None:
         axes.plot(*way.T, "-o", color=WRONG, markersize=2.5, linewidth=1.2, label="Adam")
-    axes.set_xlabel("tilt along u")
-    axes.set_ylabel("tilt along v")
+    axes.set_xlabel("tilt along u [half boxes]")
+    axes.set_ylabel("tilt along v [half boxes]")
     axes.set_aspect("equal")
     axes.legend(facecolor="0.3", labelcolor="white")
     return drawn
