@@ -126,7 +126,8 @@ class WayBack:
     """Configuration: the detector looks for a part that is lost, see `way_back`, and around one that fits poorly.
 
     Attributes:
-        budget: work per frame, see `detection.work`: about as many microseconds.
+        budget: work per frame, see `detection.work`: at most as many microseconds.
+        late_frames: for so many frames a part is lost, or is looked for, with that budget, then with late_budget.
         proposals: hypotheses of a search that are tried.
         least_score: that a hypothesis must have for that; least_score_near: of a search nearby, which aligns nothing.
         poor_below, poor_frames: so many frames in a row of a quality below that, and the detector looks around the
@@ -137,6 +138,8 @@ class WayBack:
 
     kind: ClassVar[str] = "detector"
     budget: float = 25_000.0
+    late_frames: int = 15
+    late_budget: float = 50_000.0
     proposals: int = 1
     least_score: float = 0.35
     least_score_near: float = 0.2
@@ -145,11 +148,12 @@ class WayBack:
     remembered_frames: int = 300
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.budget < float("inf"):
-            raise TrackingError(f"way_back.budget = {self.budget:g}: give a number above 0")
+        for name in ("budget", "late_budget"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise TrackingError(f"way_back.{name} = {getattr(self, name):g}: give a number above 0")
         if not 1 <= self.proposals <= 100:
             raise TrackingError(f"way_back.proposals = {self.proposals}: give 1 to 100")
-        for name in ("poor_frames", "remembered_frames"):
+        for name in ("late_frames", "poor_frames", "remembered_frames"):
             if getattr(self, name) < 0:
                 raise TrackingError(f"way_back.{name} = {getattr(self, name)}: give 0, for never, or more")
         for name in ("least_score", "least_score_near", "poor_below"):

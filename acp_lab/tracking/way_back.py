@@ -99,10 +99,12 @@ def moved_on(
 
 
 NEAR, LIKE_LAST, ANY_SIDE = Reach(25.0, 1.12, 80.0), Reach(40.0, 1.3), Reach(180.0, 1.6)
-WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
-"""In their order, again and again; None for everywhere."""
-WIDE_FRAMES = 2
-"""Frames that a wide search gets between two searches nearby: a part that is back where it was is found at once."""
+WIDE: tuple[Reach | None, ...] = (LIKE_LAST, ANY_SIDE, LIKE_LAST, ANY_SIDE, LIKE_LAST, None)
+"""In their order, again and again; None for everywhere, which takes longest. A search that began while the part was
+away is in vain, so the next one of its kind must not be far."""
+WIDE_FRAMES, LATE_WIDE_FRAMES = 2, 4
+"""Frames that a wide search gets between two searches nearby: a part that is back where it was is found at once. Later
+it may well be back elsewhere."""
 
 SURE_QUALITY = 0.85
 """From which on a pose elsewhere is believed without a second look."""
@@ -140,7 +142,7 @@ class Reacquisition:
         self._rest: tuple[tuple[Frame, Detection], ...] = ()
         self._met_others = False
         self._around: FloatArray | None = None
-        self._wide_frames = self._wide_searches = 0
+        self._frames = self._wide_frames = self._wide_searches = 0
         self._prior: PosePrior | None = None
         self._best: Detection | None = None
         self._began = False
@@ -159,6 +161,10 @@ class Reacquisition:
     def budget(self) -> float:
         """Of work per frame."""
         return self._config.budget
+
+    @property
+    def _is_late(self) -> bool:
+        return self._frames > self._config.late_frames
 
     def look_around(self, cam_T_obj: FloatArray) -> None:
         """Search next near a pose (4, 4), where the part may have been a moment ago."""
@@ -188,7 +194,8 @@ class Reacquisition:
         self._found, self._second, self._looks = (), None, 0
         if found:
             self.look_around(found[0])
-        budget = self._config.budget - PROPOSAL_WORK * len(found)
+        self._frames += 1
+        budget = (self._config.late_budget if self._is_late else self._config.budget) - PROPOSAL_WORK * len(found)
         while budget > 0.0 and not self._found:
             budget = self._go_on(frame, last_seen, budget)
         return found
@@ -279,7 +286,7 @@ class Reacquisition:
         found = (one for one, score in zip(hypotheses, likely, strict=True) if score >= least)
         self._found = tuple((search.frame, one) for one in found)
         if search is self._near:
-            self._near, self._wide_frames = None, WIDE_FRAMES
+            self._near, self._wide_frames = None, LATE_WIDE_FRAMES if self._is_late else WIDE_FRAMES
         else:
             self._wide = None
         # A search without anything to look at, such as for a part too small, costs nothing: not again in this frame.

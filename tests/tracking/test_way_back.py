@@ -22,6 +22,7 @@ from acp_lab.tracking.recovery import WayBack
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.tracker import Tracker
 from acp_lab.tracking.way_back import (
+    LATE_WIDE_FRAMES,
     LIKE_LAST,
     NEAR,
     PROPOSAL_WORK,
@@ -40,7 +41,14 @@ ANYWHERE = np.eye(4)
 
 @pytest.mark.parametrize(
     "values",
-    [{"budget": 0.0}, {"budget": float("nan")}, {"proposals": 0}, {"least_score": 1.5}, {"least_score_near": -0.1}],
+    [
+        {"budget": 0.0},
+        {"late_budget": float("nan")},
+        {"late_frames": -1},
+        {"proposals": 0},
+        {"least_score": 1.5},
+        {"least_score_near": -0.1},
+    ],
 )
 def test_nonsense_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match="way_back"):
@@ -74,10 +82,11 @@ class Searched:
         return (Detection(pose, self.score, np.array([0.0, 0.0, 1.0])),)
 
 
-def searching(slices: int, score: float, budget: float) -> tuple[Reacquisition, Searched]:
+def searching(slices: int, score: float, budget: float, late_frames: int = 1000) -> tuple[Reacquisition, Searched]:
     part = bracket(shift=(0.0, 0.0, 0.0))
     finder = Searched(slices, score)
-    way_back = Reacquisition(prepared(part), WayBack(budget=budget, proposals=1), lambda: finder)  # type: ignore[arg-type]
+    config = WayBack(budget=budget, late_frames=late_frames, late_budget=2.0 * budget, proposals=1)
+    way_back = Reacquisition(prepared(part), config, lambda: finder)  # type: ignore[arg-type]
     return way_back, finder
 
 
@@ -95,6 +104,28 @@ def test_searches_nearby_and_wide_ones_take_turns() -> None:
     # 60 frames: turns of 10 nearby and 2 wide, the sixth has just begun; a wide search needs ten frames.
     assert len(near) == 60 // (10 + WIDE_FRAMES) + 1
     assert len(wide) == 1
+
+
+def test_a_part_that_is_away_for_long_is_searched_for_with_more_work_and_that_farther_away() -> None:
+    """From the fourth frame on a search nearby takes five frames instead of ten, and a wide one has four goes."""
+    way_back, finder = searching(slices=95, score=0.0, budget=10_000.0, late_frames=3)
+    begun: list[int] = []
+    for index in range(22):
+        way_back.proposals(frame(index), ANYWHERE)
+        begun += [index] * (finder.asked.count(NEAR.within_deg) - len(begun))
+    assert LATE_WIDE_FRAMES == 4
+    # 30 of 95 slices in three frames, the rest in four; then a wide search has four goes, the first in the last of
+    # these. It ends in the second turn, and what the frame has left goes to the next wide one.
+    assert begun == [0, 10, 17]
+
+
+def test_a_wide_search_that_was_in_vain_comes_again_before_the_slowest_one() -> None:
+    way_back, finder = searching(slices=1, score=0.0, budget=3_000.0)
+    for index in range(40):
+        way_back.proposals(frame(index), ANYWHERE)
+    wide = [asked for asked in finder.asked if asked != NEAR.within_deg]
+    assert wide[:6] == [40.0, 180.0, 40.0, 180.0, 40.0, None]
+    assert wide[6:8] == wide[:2]
 
 
 def test_every_reach_has_its_turn() -> None:
