@@ -82,6 +82,13 @@ def prepare(
             metavar="MM",
         ),
     ] = None,
+    symmetries: Annotated[
+        bool,
+        typer.Option(
+            "--symmetries/--no-symmetries",
+            help="Find turns after which the mesh looks the same, unless models_info.json tells them.",
+        ),
+    ] = True,
     edges: Annotated[
         EdgeSource, typer.Option(help="What the auto-encoder learns: the mesh's edges, or Canny on rendered normals.")
     ] = EdgeSource.ANALYTIC,
@@ -131,7 +138,7 @@ def prepare(
         painting_px=painting_px,
         device=device.value,
     )
-    prepare_parts(meshes, out, options, unit.value, Spread(jobs, scheduler, threads))
+    prepare_parts(meshes, out, options, unit.value, Spread(jobs, scheduler, threads), symmetries)
 
 
 @app.command()

@@ -17,6 +17,7 @@ import cv2
 from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
+from acp_lab.cad.symmetry import find_symmetries
 from acp_lab.control_points.view_regions import ALL_REGIONS, REGION_COUNT
 from acp_lab.detection.view_templates import SUBDIVISIONS, make_views
 from acp_lab.errors import PreparationError, check_kind
@@ -59,6 +60,7 @@ def prepare(
     """Prepare a part for tracking.
 
     Args:
+        part: its symmetries are looked for where nobody told them, see `symmetry.find_symmetries`.
         options: what to prepare, and how; by default templates and visibility networks for all regions.
         out: folder of prepared parts; the part is stored in out / part.name. Nothing is stored by default.
         progress: called with (stage, done, total).
@@ -93,6 +95,9 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
             checkpoint.unlink()
     stored = None if folder is None else _stored(part, folder, options)
     model = stored or _with_edges(part, options.seed)
+    if not part.symmetries.told:
+        part = replace(part, symmetries=find_symmetries(part, model.edges))
+        model = replace(model, part=part)
     if trains and model.seed != options.seed:  # only the networks depend on it
         model = replace(model, seed=options.seed, networks=Trained(), cpu_s=_without(model.cpu_s, "networks"))
     if options.edge_break_mm is not None:

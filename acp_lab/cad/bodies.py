@@ -16,6 +16,37 @@ def is_closed(faces: IntArray) -> bool:
     return len(faces) > 0 and not _at_gaps(faces).any()
 
 
+def wound_alike(faces: IntArray) -> IntArray:
+    """Faces (m, 3), ids of vertices, after those were reversed that are wound another way than their neighbours.
+
+    Neighbours share an edge, which no third face has. Of what hangs together by such edges the fewer are reversed;
+    what has no two sides, such as a Möbius strip, stays as it is.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    edge = np.minimum(start, end) * (faces.max(initial=0) + 1) + np.maximum(start, end)
+    order = np.argsort(edge, kind="stable")
+    _, first, uses = np.unique(edge[order], return_index=True, return_counts=True)
+    pair = first[uses == 2]
+    one, other = order[pair], order[pair + 1]
+    against = start[one] == start[other]
+    if not against.any():
+        return faces
+    # Each face twice, as it is and reversed; what goes together is joined.
+    count, one, other = len(faces), one // 3, other // 3
+    ends = np.concatenate([other + count * against, other + count * ~against])
+    joined = coo_array((np.ones(len(ends)), (np.concatenate([one, one + count]), ends)), shape=(2 * count, 2 * count))
+    groups, group = connected_components(joined, directed=False)
+    as_is, reversed_ = group[:count], group[count:]
+    size = np.bincount(as_is, minlength=groups)
+    more_reversed = size[as_is] < size[reversed_]
+    # Of two groups of equal size one has to give way.
+    more_reversed |= (size[as_is] == size[reversed_]) & (as_is > reversed_)
+    return np.where(more_reversed[:, None], faces[:, ::-1], faces)
+
+
 def turned_out(points: FloatArray, faces: IntArray) -> IntArray:
     """Faces (m, 3) over points (n, 3), after closed bodies that are inside out were turned, and with them all in them.
 

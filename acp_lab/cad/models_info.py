@@ -32,10 +32,12 @@ class Symmetries:
     discrete: (k, 4, 4) rigid transforms, translation in mm, read-only; the identity need not be listed.
     continuous: (axis, offset) pairs: the part may turn by any angle about the line through `offset` (mm)
     along `axis` (any length).
+    told: whether somebody said so; of a mesh alone nobody has, and `prepare` looks for them.
     """
 
     discrete: FloatArray
     continuous: tuple[tuple[Vector, Vector], ...] = ()
+    told: bool = True
 
     def __post_init__(self) -> None:
         discrete = np.array(self.discrete, dtype=np.float64).reshape(-1, 4, 4)
@@ -46,6 +48,11 @@ class Symmetries:
     def none(cls) -> Symmetries:
         """A part that looks different from everywhere."""
         return cls(np.zeros((0, 4, 4)))
+
+    @classmethod
+    def untold(cls) -> Symmetries:
+        """None as far as is known."""
+        return cls(np.zeros((0, 4, 4)), told=False)
 
     @property
     def any(self) -> bool:

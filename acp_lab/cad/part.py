@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from acp_lab.cad.bodies import is_closed, turned_out
+from acp_lab.cad.bodies import is_closed, turned_out, wound_alike
 from acp_lab.cad.mesh_file import read_mesh_file
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.cad.stitching import is_flat, stitched
-from acp_lab.errors import PartError
+from acp_lab.errors import InputFileError, PartError
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 from acp_lab.geometry.icosphere import icosphere
 from acp_lab.input_file import LARGEST_NUMBER
@@ -52,6 +52,7 @@ class Part:
     name: the mesh file's stem. sha256: of the file's bytes (of the arrays' bytes when made in memory).
     diameter: mm, as models_info.json says, else the largest distance between two vertices.
     box_min, box_max: (3,) mm, of the vertices. All in the object frame; the arrays are read-only.
+    symmetries: as models_info.json says; of a mesh alone untold, until the part is prepared.
 
     Example:
         >>> from acp_lab.sample import sample_dataset
@@ -115,6 +116,8 @@ class Part:
         Raises InputFileError when the file cannot be read whole, PartError when it holds no usable part: no
         faces, vertices that are not numbers, a size that smells of another unit or that `info` contradicts.
         """
+        if not isinstance(path, str | Path):
+            raise InputFileError(f"{path!r}: is no path of a mesh file: give one, such as 'bracket.ply'")
         path = Path(path)
         raw = read_mesh_file(path, unit)
         vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path), raw.unit_mm)
@@ -123,7 +126,7 @@ class Part:
             _check_against_info(diameter, info, path, unit)
             diameter = info.diameter
         _check_size(diameter, str(path), unit)
-        symmetries = Symmetries.none() if info is None else info.symmetries
+        symmetries = Symmetries.untold() if info is None else info.symmetries
         return cls(path.stem, path, raw.sha256, vertices, faces, diameter, *_box(vertices), symmetries)
 
     @classmethod
@@ -137,7 +140,7 @@ class Part:
         diameter = largest_distance(vertices)
         _check_size(diameter, where)
         sha256 = hashlib.sha256(vertices.tobytes() + faces.tobytes()).hexdigest()
-        symmetries = Symmetries.none() if symmetries is None else symmetries
+        symmetries = Symmetries.untold() if symmetries is None else symmetries
         return cls(name, None, sha256, vertices, faces, diameter, *_box(vertices), symmetries)
 
 
@@ -148,7 +151,7 @@ def box_corners(part: Part) -> FloatArray:
 
 
 def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float = 1.0) -> tuple[FloatArray, IntArray]:
-    """Merge duplicate vertices, drop faces without area and second copies, stitch, turn bodies that are inside out.
+    """Merge duplicate vertices, drop faces without area and second copies, stitch, reverse faces that are inside out.
 
     vertices (n, 3) mm, faces (m, 3); both keep their order, except for faces that are cut (see `stitched`), and come
     back read-only. Two vertices are one when they are nearer than their numbers can tell apart, or than 1e-6 of the
@@ -188,6 +191,9 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
     whole = stitched(points, corners, tolerance)
     if whole is not corners:  # bodies that are closed now may be inside out
         corners = turned_out(points, _without_copies(whole))
+    alike = wound_alike(corners)
+    if alike is not corners:
+        corners = turned_out(points, alike)
     points, corners = _without_unused(points, np.ascontiguousarray(corners))
     points.flags.writeable = corners.flags.writeable = False
     return points, corners

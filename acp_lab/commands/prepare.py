@@ -11,21 +11,26 @@ import os
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from acp_lab.bench.workers import each
 from acp_lab.cad.edges import check_has_edges
-from acp_lab.cad.models_info import read_models_info
+from acp_lab.cad.mesh_file import UNITS_MM
+from acp_lab.cad.models_info import Symmetries, read_models_info
 from acp_lab.cad.part import Part
+from acp_lab.cad.symmetry import in_words
 from acp_lab.commands import interrupt
-from acp_lab.commands.console import Progress, warn
+from acp_lab.commands.console import Progress, note, warn, watched
 from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import InputFileError, PreparationError
 from acp_lab.preparation import check_device, prepare
 from acp_lab.prepared_part import PrepareOptions, part_folder, read_header
+
+MAYBE_INCHES = 8.0
+"""mm. A part that is smaller may well be in inches: then it is no larger than a hand's span."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +48,12 @@ class Spread:
 
 def prepare_parts(
     meshes: Sequence[Path], out: Path, options: PrepareOptions | None = None, unit: str = "mm",
-    spread: Spread = Spread(),
+    spread: Spread = Spread(), symmetries: bool = True,
 ) -> None:  # fmt: skip
     """Prepare every mesh into a folder of `out` named after its file, and print one line for each.
 
     All meshes are read, and looked at for edges, before the first is prepared, so that a bad one costs no time. unit:
-    of their numbers.
+    of their numbers. symmetries: whether they are looked for, where no models_info.json tells them.
 
     Raises:
         InputFileError: a mesh that cannot be read, two of the same name, or `out` is a file.
@@ -60,11 +65,15 @@ def prepare_parts(
     if options is not None and spread.scheduler is None:  # the machines of a cluster know their own devices
         check_device(options)
     interrupt.check()
-    parts = [read_part(mesh, unit) for mesh in dict.fromkeys(meshes)]
+    parts = [read_part(mesh, unit, symmetries) for mesh in dict.fromkeys(meshes)]
     for part in parts:
         _check_size_there(part, part_folder(out, part.name), options is None or options.resume)
         check_has_edges(part)
     for part in parts:
+        if unit == "mm" and part.diameter < MAYBE_INCHES:
+            large = UNITS_MM["inch"] * part.diameter
+            size = f"{part.diameter:.1f} mm large"
+            warn(f"{part.path}: {size}: if its numbers are inches, --unit inch makes it {large:.0f} mm")
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
     if spread.is_alone(len(parts)):
@@ -73,13 +82,16 @@ def prepare_parts(
                 said = _prepared(part, options, out, progress)
             _tell(out / part.name, said)
     else:
-        _prepare_elsewhere(meshes, out, options or PrepareOptions(), unit, spread)
+        _prepare_elsewhere(meshes, out, options or PrepareOptions(), unit, spread, symmetries)
     # Its loops are compiled when it is first imported on a machine: now, not before somebody's first frame.
     importlib.import_module("acp_lab.tracking.tracker")
 
 
-def _prepare_elsewhere(meshes: Sequence[Path], out: Path, options: PrepareOptions, unit: str, spread: Spread) -> None:
+def _prepare_elsewhere(
+    meshes: Sequence[Path], out: Path, options: PrepareOptions, unit: str, spread: Spread, symmetries: bool
+) -> None:
     job = {"out": os.path.abspath(out), "options": asdict(options), "unit": unit, "threads": spread.threads}
+    job["symmetries"] = symmetries
     asked = {str(mesh): json.dumps({**job, "mesh": os.path.abspath(mesh)}) for mesh in dict.fromkeys(meshes)}
     with Progress() as progress:
         done = each(prepare_mesh, asked, workers=spread.workers, scheduler=spread.scheduler)
@@ -96,24 +108,29 @@ def prepare_mesh(text: str) -> str:
     """
     job = json.loads(text)
     limit_threads(job["threads"])
-    part = read_part(Path(job["mesh"]), job["unit"])
+    part = read_part(Path(job["mesh"]), job["unit"], job["symmetries"])
     return _prepared(part, PrepareOptions.from_json(job["options"]), Path(job["out"]))
 
 
 def _prepared(
     part: Part, options: PrepareOptions | None, out: Path, progress: Callable[[str, int, int], None] | None = None
 ) -> str:
-    """Prepare a part; in words what was done, and its size, which shows a wrong unit."""
+    """Prepare a part; in words what was done and its size, which shows a wrong unit; in a second line, symmetries."""
     header, start = part_folder(out, part.name) / "part.json", time.perf_counter()
     before = header.stat().st_mtime_ns if header.exists() else None
-    prepare(part, options, out=out, progress=progress)
+    model = prepare(part, options, out=out, progress=progress)
     was_complete = before == header.stat().st_mtime_ns  # what is there already is not written again
     done = "was complete" if was_complete else f"prepared in {time.perf_counter() - start:.1f} s"
-    return f"{done}, diameter {part.diameter:.1f} mm"
+    found = "" if part.symmetries.told else in_words(model.part.symmetries)
+    return f"{done}, diameter {part.diameter:.1f} mm" + (found and f"\nlooks the same after {found}")
 
 
 def _tell(folder: Path, said: str) -> None:
-    print(f"{folder}: {said}", flush=True)
+    done, *found = said.splitlines()
+    print(f"{folder}: {done}", flush=True)
+    if watched():  # for scripts it stands in part.json
+        for line in found:
+            note(f"{folder}: {line}; --no-symmetries tells them apart")
 
 
 def _check_places(meshes: Sequence[Path], out: Path) -> None:
@@ -147,10 +164,14 @@ def _check_size_there(part: Part, folder: Path, resume: bool) -> None:
         warn(f"{was}, and is replaced: if that was the right one, prepare it again with that --unit")
 
 
-def read_part(mesh: Path, unit: str = "mm") -> Part:
-    """The part of a mesh file, with what a data set's models_info.json beside it says about it; unit: of the file."""
+def read_part(mesh: Path, unit: str = "mm", symmetries: bool = True) -> Part:
+    """The part of a mesh file, with what a data set's models_info.json beside it says about it; unit: of the file.
+
+    symmetries: whether it may have any where nothing tells.
+    """
     in_data_set = re.fullmatch(r"obj_(\d+)", mesh.stem)
     info_path = mesh.parent / "models_info.json"
     if in_data_set is None or not info_path.exists():
-        return Part.from_file(mesh, unit=unit)
+        part = Part.from_file(mesh, unit=unit)
+        return part if symmetries else replace(part, symmetries=Symmetries.none())
     return Part.from_file(mesh, read_models_info(info_path).get(int(in_data_set[1])), unit)

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part, PartInfo, Symmetries, clean_mesh, largest_distance, read_models_info
-from acp_lab.errors import PartError
+from acp_lab.errors import InputFileError, PartError
 from acp_lab.sample import sample_dataset
 
 
@@ -93,6 +93,43 @@ def test_a_cavity_keeps_its_inward_winding() -> None:
     part = Part.from_mesh(np.vstack([outer.vertices, inner.vertices]), faces, "hollow")
     np.testing.assert_array_equal(part.faces, faces)
     assert part.is_closed
+
+
+@given(st.sets(st.integers(0, 11), max_size=12), st.booleans())
+def test_faces_wound_another_way_than_their_neighbours_are_reversed(reversed_: set[int], is_open: bool) -> None:
+    """A closed box comes out as it was; of one without a side the fewer are reversed."""
+    mesh = box()
+    faces = np.array(mesh.faces)
+    for face in reversed_:
+        faces[face] = faces[face, ::-1]
+    count = len(faces) - 2 * is_open
+    part = Part.from_mesh(mesh.vertices, faces[:count], "box")
+    assert part.is_closed != is_open
+    wrong = len({face for face in reversed_ if face < count})
+    outward = np.einsum("ij,ij->i", part.face_normals, part.vertices[part.faces].mean(1) - mesh.centroid) > 0.0
+    if not is_open or 2 * wrong < count:
+        assert outward.all()
+    elif 2 * wrong > count:
+        assert not outward.any()
+    else:
+        assert outward.all() or not outward.any()
+
+
+def test_a_strip_without_two_sides_stays_as_it_is() -> None:
+    """Moebius: the last pair of triangles meets the first one upside down."""
+    count = 20
+    angle = 2.0 * np.pi * np.arange(count) / count
+    across = np.stack([np.cos(angle / 2) * np.cos(angle), np.cos(angle / 2) * np.sin(angle), np.sin(angle / 2)], 1)
+    middle = 40.0 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], 1)
+    vertices = np.stack([middle - 8.0 * across, middle + 8.0 * across], 1).reshape(-1, 3)
+    corners = [(2 * k, 2 * k + 1, *((2 * k + 2, 2 * k + 3) if k < count - 1 else (1, 0))) for k in range(count)]
+    faces = np.array([face for a, b, c, d in corners for face in ((a, b, c), (c, b, d))])
+    np.testing.assert_array_equal(Part.from_mesh(vertices, faces, "strip").faces, faces)
+
+
+def test_no_path_is_no_part() -> None:
+    with pytest.raises(InputFileError, match="None: is no path of a mesh file"):
+        Part.from_file(None)  # type: ignore[arg-type]
 
 
 def _joined(*bodies: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -276,9 +313,7 @@ def _info(diameter: float) -> PartInfo:
         (1.0, 44.5, "box.stl: .*models_info.json: these are two meshes"),
     ],
 )
-def test_a_wrong_unit_is_noticed(
-    scale: float, info_diameter: float | None, message: str, tmp_path: Path
-) -> None:
+def test_a_wrong_unit_is_noticed(scale: float, info_diameter: float | None, message: str, tmp_path: Path) -> None:
     path = tmp_path / "box.stl"
     box((40.0 * scale, 20.0 * scale, 10.0 * scale)).export(path)
     info = None if info_diameter is None else _info(info_diameter)

@@ -272,6 +272,25 @@ def test_units_that_cannot_be(capsys: pytest.CaptureFixture[str], tmp_path: Path
     assert_one_error(prepare(capsys, tmp_path / "parts", tmp_path / "part.step", "--unit", "inch"), "STEP", "inch")
 
 
+def test_a_part_that_may_be_in_inches_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    small = scaled_box(tmp_path / "small.stl", 3.0 / 25.4)
+    outcome = prepare(capsys, tmp_path / "parts", small)
+    assert outcome.status == 0
+    assert re.search(r"small\.stl: 6\.4 mm large: .* --unit inch makes it 162 mm", outcome.err)
+    assert "inches" not in prepare(capsys, tmp_path / "parts", small, "--unit", "inch", "--no-resume").err
+
+
+def test_symmetries_are_found_and_told_who_watches(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("acp_lab.commands.prepare.watched", lambda: True)
+    parts, block = tmp_path / "parts", scaled_box(tmp_path / "brick.stl", 1.0)
+    assert f"{parts / 'brick'}: looks the same after 3 turns" in prepare(capsys, parts, block).err
+    assert len(PreparedPart.load(parts / "brick", block).part.symmetries.discrete) == 3
+    assert "looks the same" not in prepare(capsys, parts, block, "--no-symmetries").err
+    assert not PreparedPart.load(parts / "brick", block).part.symmetries
+
+
 def test_another_unit_does_not_go_on_with_the_part_that_is_there(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -1,0 +1,218 @@
+"""Finding the turns after which a part looks the same.
+
+A data set in the BOP layout says which they are; a CAD file alone does not. Every symmetry leaves the middle of the
+surface where it is, and its axis is a principal axis of the surface, or lies across one. So turns by all angles, and by
+2 to `MOST_FOLD` equal ones, are tried about those axes, about the file's own, for cubes and the like about those across
+the largest faces, and half turns about axes across. A turn counts when the surface lies on itself after it and every
+edge on an edge, a small hole's too: what a camera can tell apart is no symmetry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from acp_lab.cad.edges import EdgeSamples
+from acp_lab.cad.models_info import Symmetries
+from acp_lab.cad.part import Part
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import make_pose, so3_exp, transform
+
+MOST_FOLD = 36
+MOST_TURNS = 72
+"""Of a group: no solid but a ball has more than a prism of `MOST_FOLD` sides."""
+SURFACE_TOLERANCE = 0.01
+"""Of the diameter, for the largest distance after the worst 2% of the surface are left out."""
+_EDGE_TOLERANCE, _EDGES_OFF = 0.004, 0.004
+"""Of the diameter; share of the edges that may lie on none: a hole of a fiftieth of the diameter is more."""
+_ODD_ANGLE = 1.0
+"""rad; a part that this turn maps to itself has no corners to be found at any other angle."""
+_SAMPLES, _FEW, _FACES = 3000, 250, 4
+_PHASE_STEP_DEG = 1.0
+
+
+def in_words(symmetries: Symmetries) -> str:
+    """Such as "any turn about (0, 0, 1) and 1 other"; empty for none."""
+    lines = [
+        f"any turn about ({', '.join(f'{round(v, 3) + 0.0:g}' for v in axis)})" for axis, _ in symmetries.continuous
+    ]
+    count = len(symmetries.discrete)
+    if count:
+        lines.append(f"{count} other{'s'[: count != 1]}" if lines else f"{count} turn{'s'[: count != 1]}")
+    return " and ".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMatch:
+    """Points (n, 3) spread evenly over a part's surface, and its normals (n, 3) there; mm, object frame."""
+
+    part: Part
+    points: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def of(cls, part: Part) -> SurfaceMatch:
+        """Of each face in proportion to its area; the same part gives the same points."""
+        rng = np.random.default_rng(0)
+        a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        face = rng.choice(len(area), _SAMPLES, p=area / area.sum())
+        u, v = rng.random((2, _SAMPLES, 1))
+        fold = u + v > 1.0
+        u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
+        points = a[face] + u * (b - a)[face] + v * (c - a)[face]
+        return cls(part, points, part.face_normals[face])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(np.hstack([self.points, self._reach * self.normals]))
+
+    @property
+    def _reach(self) -> float:
+        return 0.1 * self.part.diameter
+
+    @cached_property
+    def _spacing(self) -> float:
+        beside, _ = self._tree.query(self._tree.data, k=2)
+        return float(np.quantile(beside[:, 1], 0.9))
+
+    def error(self, turn: FloatArray, count: int = _SAMPLES) -> float:
+        """How far the turned surface is from itself, of `count` points, as a share of the diameter.
+
+        turn: (4, 4). Off its plane, or beside it by more than the sampling; the worst 2% are left out.
+        """
+        there, facing = transform(turn, self.points[:count]), self.normals[:count] @ turn[:3, :3].T
+        distance, nearest = self._tree.query(np.hstack([there, self._reach * facing]))
+        off_plane = np.abs(np.einsum("ij,ij->i", there - self.points[nearest], self.normals[nearest]))
+        return float(np.quantile(np.maximum(off_plane, distance - 2.5 * self._spacing), 0.98)) / self.part.diameter
+
+
+def find_symmetries(part: Part, edges: EdgeSamples) -> Symmetries:
+    """The turns after which a part looks the same, none for most; edges: of this part, all that can be seen.
+
+    The same part gives the same answer. Reference for what is sought: BOP's `models_info.json`.
+    """
+    search = _Search(part, edges)
+    lines = [axis for axis in search.axes if search.matches(axis, _ODD_ANGLE)]
+    turns: list[FloatArray] = []
+    if lines:  # what is about such a line is no news, and any half turn across it is as good as another
+        turns = search.half_turns_across(lines[0], 1) if len(lines) == 1 else []
+    else:
+        folds = [(search.fold(axis), axis) for axis in search.axes]
+        many = [(fold, axis) for fold, axis in folds if fold > 2]
+        for fold, axis in many:
+            turns += [search.turn(axis, 2.0 * np.pi / fold), *search.half_turns_across(axis, fold)]
+        # Half turns across one of those are known by now, and more exactly.
+        across = [axis for fold, axis in folds if fold == 2 and all(abs(axis @ main) > 0.05 for _, main in many)]
+        turns += [search.turn(axis, np.pi) for axis in across]
+    lines = [axis * np.sign(axis[np.abs(axis).argmax()]) for axis in lines]
+    offset = (float(search.centre[0]), float(search.centre[1]), float(search.centre[2]))
+    continuous = tuple(((float(a[0]), float(a[1]), float(a[2])), offset) for a in lines)
+    return Symmetries(np.array(_closed(turns)).reshape(-1, 4, 4), continuous)
+
+
+class _Search:
+    """What is tried on one part."""
+
+    def __init__(self, part: Part, edges: EdgeSamples) -> None:
+        self._surface, self._diameter = SurfaceMatch.of(part), part.diameter
+        kept = edges.crease
+        self._points, self._tangents = edges.points_obj[kept], edges.tangents_obj[kept]
+        self._tree = cKDTree(self._points) if kept.any() else None
+        a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None] / 2.0
+        middle = (a + b + c) / 3.0
+        self.centre = (area * middle).sum(0) / area.sum()
+        # Of triangles: their corners and their middle, as 1 to 9.
+        from_centre = [area * (p - self.centre) * (weight**0.5) for p, weight in ((a, 1), (b, 1), (c, 1), (middle, 9))]
+        scatter = sum((rows / area**0.5).T @ (rows / area**0.5) for rows in from_centre)
+        principal = np.linalg.eigh(scatter)[1].T
+        self.axes = list[FloatArray]()
+        for axis in (*np.eye(3), *principal, *_across_largest_faces(part, area[:, 0])):
+            if not any(abs(axis @ known) > 1.0 - 1e-6 for known in self.axes):
+                self.axes.append(axis)
+
+    def turn(self, axis: FloatArray, angle: float) -> FloatArray:
+        """By an angle, rad, about an axis (3,) through the centre: (4, 4)."""
+        rotation = so3_exp(angle * axis)
+        return make_pose(rotation, self.centre - rotation @ self.centre)
+
+    def matches(self, axis: FloatArray, angle: float) -> bool:
+        """Whether the part looks the same after a turn."""
+        turn = self.turn(axis, angle)
+        if self._surface.error(turn, _FEW) > 2.0 * SURFACE_TOLERANCE:
+            return False
+        return self._surface.error(turn) < SURFACE_TOLERANCE and self._edges_off(turn) <= _EDGES_OFF
+
+    def fold(self, axis: FloatArray) -> int:
+        """How many times the part looks the same in a whole turn about an axis (3,), at most `MOST_FOLD`.
+
+        After one of the equal turns, and after a third and a half of a round of them: else 31 would pass for 30.
+        """
+        for fold in range(MOST_FOLD, 1, -1):
+            if all(self.matches(axis, 2.0 * np.pi * steps / fold) for steps in (1, fold // 3, fold // 2) if steps):
+                return fold
+        return 1
+
+    def half_turns_across(self, axis: FloatArray, fold: int) -> list[FloatArray]:
+        """One half turn about an axis across another, about which the part looks the same `fold` times; or none."""
+        first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        first /= np.linalg.norm(first)
+        second = np.cross(axis, first)
+        step = np.deg2rad(_PHASE_STEP_DEG)
+
+        def across(phase: float) -> FloatArray:
+            return np.cos(phase) * first + np.sin(phase) * second
+
+        def error(phase: float) -> float:
+            return self._surface.error(self.turn(across(phase), np.pi), _FEW)
+
+        phases = np.arange(0.0, np.pi / fold + step, step) if fold > 1 else np.zeros(1)
+        errors = [error(phase) for phase in phases]
+        best = float(phases[int(np.argmin(errors))])
+        while fold > 1 and step > 1e-4:
+            best = min((best - step, best, best + step), key=error)
+            step /= 2.0
+        return [self.turn(across(best), np.pi)] if self.matches(across(best), np.pi) else []
+
+    def _edges_off(self, turn: FloatArray) -> float:
+        """Share of the creases that lie on no other one of their direction."""
+        if self._tree is None:
+            return 0.0
+        there, along = transform(turn, self._points), self._tangents @ turn[:3, :3].T
+        _, nearest = self._tree.query(there, k=min(6, len(self._points)))
+        nearest = nearest.reshape(len(there), -1)
+        way = there[:, None] - self._points[nearest]
+        direction = self._tangents[nearest]
+        lengthwise = np.einsum("nkj,nkj->nk", way, direction)
+        aside = np.linalg.norm(way - lengthwise[..., None] * direction, axis=2)
+        alike = np.abs(np.einsum("nj,nkj->nk", along, direction)) > 0.9
+        beside = np.linalg.norm(way, axis=2) < 0.02 * self._diameter
+        return float(1.0 - (alike & beside & (aside < _EDGE_TOLERANCE * self._diameter)).any(1).mean())
+
+
+def _across_largest_faces(part: Part, area: FloatArray) -> FloatArray:
+    """Directions (k, 3) in which the most of the surface faces, up or down."""
+    normals = part.face_normals
+    upwards = np.sign(normals[np.arange(len(normals)), np.abs(normals).argmax(1)])[:, None] * normals
+    alike, number = np.unique(np.round(upwards, 3), axis=0, return_inverse=True)
+    largest = np.argsort(-np.bincount(number.ravel(), area), kind="stable")[:_FACES]
+    return alike[largest] / np.linalg.norm(alike[largest], axis=1, keepdims=True)
+
+
+def _closed(turns: list[FloatArray]) -> list[FloatArray]:
+    """All that turns (4, 4) make of each other, without the identity."""
+    known = [np.eye(4)]
+    new = known
+    while new and len(known) < MOST_TURNS:
+        found = list[FloatArray]()
+        for one in new:
+            for turn in turns:
+                made = turn @ one
+                if not any(np.allclose(made[:3, :3], other[:3, :3], atol=0.02) for other in (*known, *found)):
+                    found.append(made)
+        known, new = known + found, found
+    return known[1:MOST_TURNS]
