@@ -32,7 +32,11 @@ FLAT_ANGLE_DEG = 0.1
 MOST_CREASE_SAMPLES = 12_000
 """Of creases and open rims together, at the default spacing: four times what machined parts need. Every later step
 takes time with their number, and a scan or a heap of loose triangles would have millions."""
+_NOISE_TIMES = 10
+"""So many times as many at the default spacing are no part's: the noise of a scan, whose facets meet at any angle."""
 _MOST_AT_A_SPACING = 20 * MOST_CREASE_SAMPLES
+_USUAL_SAMPLES = 160.0
+"""Per diameter of an edge."""
 GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -123,8 +127,8 @@ def sample_edges(
     Time and memory are linear in the number of faces.
 
     Raises:
-        PartError: the mesh is flat, a ball, or has no edge that could be seen (every one is shared by three faces or
-            more).
+        PartError: the mesh is flat, a ball, or a scan full of noise; or has no edge that could be seen (every one is
+            shared by three faces or more).
 
     A smooth body, with no crease and no rim, has its outline alone, which is told as a RuntimeWarning.
     """
@@ -136,9 +140,10 @@ def sample_edges(
             RuntimeWarning,
             stacklevel=2,
         )
-    spacing = part.diameter / 160.0 if spacing_mm is None else spacing_mm
-    creases_and_rims = [found.vertex_pairs[found.crease], found.rim_vertices]
-    spacing = _affordable(part, creases_and_rims, spacing, spacing_mm is None, max_crease_samples)
+    spacing = part.diameter / _USUAL_SAMPLES if spacing_mm is None else spacing_mm
+    if spacing_mm is None and max_crease_samples is None:
+        _check_no_noise(part, found)
+    spacing = _affordable(part, found.creases_and_rims, spacing, spacing_mm is None, max_crease_samples)
 
     # Normals and flags are looked up for the samples alone: for all edges they would be most of the memory.
     groups = []
@@ -170,7 +175,16 @@ def sample_edges(
 
 def check_has_edges(part: Part) -> None:
     """PartError for a part that `sample_edges` refuses, without sampling it."""
-    _mesh_edges(part, CREASE_ANGLE_DEG)
+    _check_no_noise(part, _mesh_edges(part, CREASE_ANGLE_DEG))
+
+
+def _check_no_noise(part: Part, found: _MeshEdges) -> None:
+    length = sum(float(_lengths(part.vertices, pairs).sum()) for pairs in found.creases_and_rims)
+    if length > _NOISE_TIMES * MOST_CREASE_SAMPLES * part.diameter / _USUAL_SAMPLES:
+        raise PartError(
+            f"{part.path or part.name}: has {length / part.diameter:.0f} times its diameter of edges, as of a scan, "
+            "whose noise looks like edges: take the CAD model, or smooth the mesh, reduce its faces and join them"
+        )
 
 
 def facing(edges: EdgeSamples, eye_obj: np.ndarray) -> Facing:
@@ -251,6 +265,11 @@ class _MeshEdges:
     rim_vertices: np.ndarray
     rim_faces: np.ndarray
 
+    @property
+    def creases_and_rims(self) -> list[np.ndarray]:
+        """Ids of vertices, (k, 2) each."""
+        return [self.vertex_pairs[self.crease], self.rim_vertices]
+
 
 def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
     """The edges of a part's mesh; PartError as `sample_edges`."""
@@ -303,7 +322,8 @@ def _affordable(part: Part, edges: list[np.ndarray], spacing_mm: float, is_defau
     wider = length / most
     warnings.warn(
         f"{part.path or part.name}: {length / spacing_mm:.0f} edge samples would be needed, {most} are taken, one "
-        f"every {wider:.2g} mm: a scan, or triangles that do not hang together, have too many edges to track",
+        f"every {wider:.2g} mm; where that is far more than the part has edges, the mesh is a scan, or its triangles "
+        "do not hang together",
         RuntimeWarning,
         stacklevel=3,
     )

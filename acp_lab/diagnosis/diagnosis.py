@@ -178,6 +178,8 @@ def diagnose(
         SequenceError: the run has no such frame or object, or does not know its part.
     """
     check_run(run)
+    if not isinstance(frame, int | np.integer):
+        raise SequenceError(f"frame {frame!r}: is no number: frames are counted from 0, -1 is the last")
     results, object_id = _results_of(run, frame, object_id)
     frame = range(len(results))[frame]
     config = config or DiagnosisConfig()

@@ -105,8 +105,9 @@ def evaluate(results: Results, truth: BopScene | BopDataset | str | Path, split:
     results: a finished run, its rows, or the path of a results file. truth: a data set (or its path), or one
     scene, whose rows alone may then be given. split: where the scenes of a data set are.
     Every (scene, object) that has a row is scored; of these, frames without a row are failures.
-    Raises SequenceError for no rows, for two rows of one frame and object, and for rows of a scene, image or
-    object that the data set does not have; InputFileError for files that are missing or malformed.
+    Raises SequenceError for a truth that has none, such as a video, for no rows, for two rows of one frame and object,
+    and for rows of a scene, image or object that the data set does not have; InputFileError for files that are missing
+    or malformed.
 
     Example:
         >>> import acp_lab as acp
@@ -120,6 +121,11 @@ def evaluate(results: Results, truth: BopScene | BopDataset | str | Path, split:
     if isinstance(truth, BopScene):
         dataset, split, only_scene = truth.dataset, truth.split, truth.scene_id
     else:
+        if not isinstance(truth, BopDataset | str | Path):
+            raise SequenceError(
+                f"{getattr(truth, 'name', type(truth).__name__)}: has no truth to score against: give a data set in "
+                "the BOP layout, or its folder"
+            )
         dataset = truth if isinstance(truth, BopDataset) else BopDataset(truth)
         only_scene = None
     by_object = _by_object(results)

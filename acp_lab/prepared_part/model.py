@@ -228,6 +228,8 @@ class PreparedPart:
                 cpu_s={stage: float(value) for stage, value in header.get("cpu_s", {}).items()},
                 folder=folder,
             )
+        except PermissionError as error:
+            raise PreparationError(f"{error.filename or folder}: cannot be read: check its permissions") from None
         except (
             OSError,
             SafetensorError,

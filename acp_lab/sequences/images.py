@@ -102,8 +102,13 @@ class _OwnImages(ABC):
             return None
         return (
             f"{source}: image is {width} x {height} px but the camera is {self.camera.width} x "
-            f"{self.camera.height}: give the camera of these images"
+            f"{self.camera.height}: give the camera of these images{self._turned(width, height)}"
         )
+
+    def _turned(self, width: int, height: int) -> str:
+        if (height, width) != (self.camera.width, self.camera.height):
+            return ""
+        return "; notes on how to turn a picture (EXIF) are not obeyed: calibrate on the pixels as they are stored"
 
 
 class ImageFolder(_OwnImages):
@@ -276,6 +281,8 @@ def _check_video_file(path: Path) -> None:
         check_regular(path, fix, math.inf)
     if not path.is_file():
         raise InputFileError(f"{path}: no such video file: {fix}")
+    if path.stat().st_size == 0:
+        raise InputFileError(f"{path}: is empty: copy it again, or {fix}")
 
 
 @contextmanager

@@ -164,8 +164,12 @@ class Tracker:
         seen = self._pursuit.look(frame, pose, clock)
         started = None if seen is None else self._begin(frame, seen, clock)
         if seen is None or started is None:
-            is_behind = transform(pose, self.part.box_centre)[2] <= 0.0
-            how = " and lies behind the camera" if is_behind else f", or it is smaller than {LEAST_PART_PX} px"
+            depth_mm = float(transform(pose, self.part.box_centre)[2])
+            how = f", or it is smaller than {LEAST_PART_PX} px"
+            if depth_mm <= 0.0:
+                how = " and lies behind the camera"
+            elif depth_mm < self.part.radius:
+                how = f", as its middle is {depth_mm:.0f} mm from the lens, nearer than its own size"
             size = f"{frame.camera.width}x{frame.camera.height}"
             raise TrackingError(
                 f"{self.part.name}: at the start pose t = {np.round(pose[:3, 3], 1).tolist()} mm the part is not seen "

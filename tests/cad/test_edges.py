@@ -14,6 +14,7 @@ from acp_lab.cad import edges as module
 from acp_lab.cad.edges import (
     MOST_CREASE_SAMPLES,
     EdgeSamples,
+    check_has_edges,
     facing,
     nearly_showing,
     sample_edges,
@@ -350,13 +351,20 @@ def test_a_hub_of_very_many_edges_is_walked_in_time() -> None:
     np.testing.assert_array_equal(order, np.arange(count))
 
 
+def test_a_scan_full_of_noise_is_refused() -> None:
+    with pytest.raises(PartError, match=r"heap: has \d+ times its diameter of edges, as of a scan"):
+        sample_edges(loose_triangles(20_000))
+    with pytest.raises(PartError, match="as of a scan"):
+        check_has_edges(loose_triangles(20_000))
+
+
 def test_memory_is_a_few_numbers_per_face() -> None:
     """A million loose triangles, three million edges, then fit below a gigabyte."""
     part = loose_triangles(20_000)
     tracemalloc.start()
     try:
         with pytest.warns(RuntimeWarning, match="12000 are taken"):
-            sample_edges(part)
+            sample_edges(part, max_crease_samples=MOST_CREASE_SAMPLES)  # at all; by default that many are refused
         assert tracemalloc.get_traced_memory()[1] / len(part.faces) < 750.0
     finally:
         tracemalloc.stop()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -45,9 +46,7 @@ def _shifted(frame_id: int, share: float = 0.0, object_id: int = 1) -> FloatArra
     return cam_T_obj
 
 
-def _row(
-    frame_id: int, share: float = 0.0, object_id: int = 1, scene_id: int = 1, time_s: float = 0.02
-) -> ResultRow:
+def _row(frame_id: int, share: float = 0.0, object_id: int = 1, scene_id: int = 1, time_s: float = 0.02) -> ResultRow:
     return ResultRow(scene_id, frame_id, object_id, 0.9, _shifted(frame_id, share, object_id), time_s)
 
 
@@ -108,9 +107,7 @@ def test_every_scene_and_object_with_a_row_is_scored_and_pooled(tmp_path: Path) 
 def test_symmetric_objects_are_scored_by_add_s(tmp_path: Path) -> None:
     half_turn = make_pose(so3_exp(np.array([0, 0, np.pi])), np.zeros(3))
     root = write_dataset(tmp_path / "set", (0, 1), (1, 2))
-    write_models(
-        root, {1: {"symmetries_discrete": [half_turn.ravel().tolist()]}, 2: {"symmetries_continuous": []}}
-    )
+    write_models(root, {1: {"symmetries_discrete": [half_turn.ravel().tolist()]}, 2: {"symmetries_continuous": []}})
     rows = [ResultRow(1, 1, i, 1.0, pose(1, i) @ half_turn, 0.1) for i in (1, 2)]
     result = evaluate(rows, root)
     symmetric, plain = result.objects
@@ -199,15 +196,18 @@ def test_rows_that_fit_nothing_are_refused(dataset: BopDataset, rows: list[Resul
     assert "\n" not in str(error.value)
 
 
+def test_a_video_has_no_truth(dataset: BopDataset) -> None:
+    with pytest.raises(SequenceError, match="clip: has no truth to score against"):
+        evaluate([], SimpleNamespace(name="clip"))  # type: ignore[arg-type]
+
+
 def test_rows_of_another_scene_than_the_one_given(dataset: BopDataset) -> None:
     write_scene(dataset.root / "test" / "000002")
     with pytest.raises(SequenceError, match="results of scene 2: the scene given is 1"):
         evaluate([_row(1, scene_id=2)], dataset.open_scene(1))
 
 
-@pytest.mark.parametrize(
-    "missing", ["test/000001/scene_gt.json", "models/models_info.json", "models/obj_000001.ply"]
-)
+@pytest.mark.parametrize("missing", ["test/000001/scene_gt.json", "models/models_info.json", "models/obj_000001.ply"])
 def test_missing_files_are_one_line(dataset: BopDataset, missing: str) -> None:
     (dataset.root / missing).unlink()
     with pytest.raises(AcpLabError) as error:
@@ -235,9 +235,7 @@ def test_noisy_truth_of_the_shared_sequences(shared_data: Path) -> None:
         for frame_id in scene.frame_ids:
             truth = scene.truth(frame_id, object_id)
             assert truth is not None
-            rows.append(
-                ResultRow(scene_id, frame_id, object_id, 1.0, disturb_pose(truth, centre, 1.0, 3.0, rng))
-            )
+            rows.append(ResultRow(scene_id, frame_id, object_id, 1.0, disturb_pose(truth, centre, 1.0, 3.0, rng)))
     result = evaluate(rows, dataset)
     assert result.pooled.frames == 3 * 29
     assert result.pooled.rot_deg_median == pytest.approx(1.0, abs=1e-6)

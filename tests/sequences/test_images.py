@@ -202,11 +202,13 @@ def test_damage_up_to_the_end_of_a_video_is_one_early_end(tmp_path: Path) -> Non
     assert "ends after 13 of the 20 frames" in last.reason
 
 
-@pytest.mark.parametrize("content", [b"", b"this is no video"])
-def test_files_that_are_no_video(tmp_path: Path, content: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("content", "said"), [(b"", "is empty"), (b"this is no video", "cannot be decoded as a video")]
+)
+def test_files_that_are_no_video(tmp_path: Path, content: bytes, said: str, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "clip.mp4"
     path.write_bytes(content)
-    with pytest.raises(InputFileError, match=r"clip\.mp4: cannot be decoded as a video"):
+    with pytest.raises(InputFileError, match=rf"clip\.mp4: {said}"):
         VideoFile(path, CAMERA)
     with pytest.raises(InputFileError, match="no such video file"):
         VideoFile(tmp_path / "none.mp4", CAMERA)
@@ -343,3 +345,12 @@ def test_a_video_of_huge_frames_is_not_decoded(tmp_path: Path, monkeypatch: pyte
     for read in (lambda: VideoFile(path, CAMERA), lambda: first_size(path)):
         with pytest.raises(InputFileError, match=rf"clip.mp4: has frames of {WIDTH} x {HEIGHT} px"):
             read()
+
+
+def test_a_picture_on_its_side_is_told_of_notes_that_are_not_obeyed(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((WIDTH, HEIGHT, 3), np.uint8))
+    with pytest.raises(InputFileError, match=r"give the camera of these images; notes .* \(EXIF\) are not obeyed"):
+        ImageFolder(tmp_path, CAMERA)
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((WIDTH, HEIGHT + 1, 3), np.uint8))
+    with pytest.raises(InputFileError, match=r"give the camera of these images$"):
+        ImageFolder(tmp_path, CAMERA)

@@ -423,6 +423,13 @@ def test_a_jump_is_caught_by_a_second_look(part: Part, model: PreparedPart, sequ
     assert alone > 5.0
 
 
+def test_a_start_within_the_part_is_refused_as_too_near(model: PreparedPart, sequence: MadeSequence) -> None:
+    (frame,) = sequence.frames(1)
+    near = make_pose(np.eye(3), np.array([0.0, 0.0, 0.3 * model.part.radius]) - model.part.box_centre)
+    with pytest.raises(TrackingError, match=r"mm from the lens, nearer than its own size; check pose, unit"):
+        Tracker(model, AS_DRAWN).start(frame, near)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("pose", "is_behind"),
     [
