@@ -79,7 +79,7 @@ class RegionLines:
     scatter_px: float = 0.25
     unknown_px: float = 2.0
     calibration_rate: float = 0.2
-    smooth_share: float = 15.0
+    smooth_share: float = 6.0
     fade_px: float = 2.5
     same_view_deg: float = 2.0
 
