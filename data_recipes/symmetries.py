@@ -10,13 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from acp_lab.cad.part import Part
-from acp_lab.cad.symmetry import SURFACE_TOLERANCE, SurfaceMatch
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose import make_pose, so3_exp
+from acp_lab.geometry.pose import make_pose, so3_exp, transform
 
+TOLERANCE = 0.01
+"""Of the diameter, for the largest distance after the worst 2% of the surface are left out."""
+_SAMPLES = 3000
 _ODD_ANGLE = 1.0
 """rad; a part that this turn maps to itself has no corners to be found at any other angle."""
 
@@ -51,16 +54,28 @@ class FoundSymmetry:
 
 def find_symmetry(part: Part) -> FoundSymmetry:
     """Try all turns of the module's docstring on a part; the same part gives the same answer."""
-    error = SurfaceMatch.of(part).error
+    points, normals = _surface_samples(part)
+    reach = 0.1 * part.diameter
+    tree = cKDTree(np.hstack([points, reach * normals]))
+    beside, _ = tree.query(tree.data, k=2)
+    spacing = float(np.quantile(beside[:, 1], 0.9))
+
+    def error(turn: FloatArray) -> float:
+        """How far the turned surface is from the surface: off its plane, or beside it by more than the sampling."""
+        there, facing = transform(turn, points), normals @ turn[:3, :3].T
+        distance, nearest = tree.query(np.hstack([there, reach * facing]))
+        off_plane = np.abs(np.einsum("ij,ij->i", there - points[nearest], normals[nearest]))
+        return float(np.quantile(np.maximum(off_plane, distance - 2.5 * spacing), 0.98)) / part.diameter
+
     centre = part.box_centre
-    axes = tuple(axis for axis in np.eye(3) if error(_about(centre, so3_exp(_ODD_ANGLE * axis))) < SURFACE_TOLERANCE)
+    axes = tuple(axis for axis in np.eye(3) if error(_about(centre, so3_exp(_ODD_ANGLE * axis))) < TOLERANCE)
     discrete: list[FloatArray] = []
     best, best_error = np.eye(4), np.inf
     for rotation in np.round(Rotation.create_group("O").as_matrix()):
         turn = _about(centre, rotation)
         left = error(turn)
         known = [np.eye(4), *discrete]
-        if left < SURFACE_TOLERANCE and not any(_same_but_for(axes, turn, one) for one in known):
+        if left < TOLERANCE and not any(_same_but_for(axes, turn, one) for one in known):
             discrete.append(turn)
         is_half_turn_about_an_axis = np.trace(rotation) == -1.0 and np.count_nonzero(np.diag(rotation)) == 3
         if is_half_turn_about_an_axis and left < best_error:
@@ -77,3 +92,15 @@ def _same_but_for(axes: tuple[FloatArray, ...], first: FloatArray, second: Float
 
 def _about(centre: FloatArray, rotation: FloatArray) -> FloatArray:
     return make_pose(rotation, centre - rotation @ centre)
+
+
+def _surface_samples(part: Part) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3) spread evenly over the surface, of each face in proportion to its area, and its normals (n, 3)."""
+    rng = np.random.default_rng(0)
+    a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    face = rng.choice(len(area), _SAMPLES, p=area / area.sum())
+    u, v = rng.random((2, _SAMPLES, 1))
+    fold = u + v > 1.0
+    u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
+    return a[face] + u * (b - a)[face] + v * (c - a)[face], part.face_normals[face]

@@ -301,7 +301,8 @@ def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
 def _is_ball(part: Part) -> bool:
     """Whether all vertices are as far from the middle of the box, within 1% of the diameter."""
     far = np.linalg.norm(part.vertices - part.box_centre, axis=1)
-    return float(np.ptp(far)) < 0.01 * part.diameter
+    outer = far[far > 0.8 * far.max()]  # it may be hollow
+    return float(np.ptp(outer)) < 0.01 * part.diameter and len(outer) > 0.2 * len(far)
 
 
 def _open_rims(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:

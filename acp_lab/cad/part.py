@@ -183,7 +183,10 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
     tolerance = max(1e-6 * size, resolution)
     points, corners = _merged(points, corners, tolerance)
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
-    corners = turned_out(points, _without_copies(corners))
+    corners = _without_copies(corners)
+    alike = wound_alike(corners)
+    # What is closed by that can be turned as a whole; else only stitching says who neighbours whom.
+    corners = turned_out(points, alike if is_closed(alike) else corners)
     # A face without height has no normal. It goes only now because dropping it can open a closed mesh.
     corners = corners[~is_flat(points[corners], tolerance)]
     if len(corners) == 0:

@@ -3,14 +3,11 @@
 A data set in the BOP layout says which they are; a CAD file alone does not. Every symmetry leaves the middle of the
 surface where it is, and its axis is a principal axis of the surface, or lies across one. So turns by all angles, and by
 2 to `MOST_FOLD` equal ones, are tried about those axes, about the file's own, for cubes and the like about those across
-the largest faces, and half turns about axes across. A turn counts when the surface lies on itself after it and every
-edge on an edge, a small hole's too: what a camera can tell apart is no symmetry.
+the largest faces, and half turns about axes across. A turn counts when the surface lies on itself after it, asked by
+rays at points all over it, and every edge on an edge, a small hole's too: what a camera can tell apart is no symmetry.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -18,19 +15,24 @@ from scipy.spatial import cKDTree
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
+from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 
-MOST_FOLD = 36
-MOST_TURNS = 72
+MOST_FOLD = 72
+MOST_TURNS = 2 * MOST_FOLD
 """Of a group: no solid but a ball has more than a prism of `MOST_FOLD` sides."""
-SURFACE_TOLERANCE = 0.01
-"""Of the diameter, for the largest distance after the worst 2% of the surface are left out."""
-_EDGE_TOLERANCE, _EDGES_OFF = 0.004, 0.004
-"""Of the diameter; share of the edges that may lie on none: a hole of a fiftieth of the diameter is more."""
-_ODD_ANGLE = 1.0
-"""rad; a part that this turn maps to itself has no corners to be found at any other angle."""
-_SAMPLES, _FEW, _FACES = 3000, 250, 4
+_SURFACE_TOLERANCE, _SURFACE_OFF = 0.002, 0.005
+"""Of the diameter; share of the surface that may lie on none."""
+_EDGE_TOLERANCE, _EDGES_OFF = 0.003, 0.004
+"""The same for edges: a hole of a fiftieth of the diameter is more."""
+_ODD_ANGLES = (1.0, 2.236, 0.6435)
+"""rad; no number of equal parts fits into all three, so what they map to itself is round."""
+_SAMPLES, _FEW, _FACES, _NEIGHBOURS = 4000, 250, 4, 16
+_FACING = 0.85
+"""Cosine between normals that look the same way: facets of what is round differ."""
+_SAME_AXIS = 0.9994
+"""Cosine of two degrees."""
 _PHASE_STEP_DEG = 1.0
 
 
@@ -45,58 +47,13 @@ def in_words(symmetries: Symmetries) -> str:
     return " and ".join(lines)
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceMatch:
-    """Points (n, 3) spread evenly over a part's surface, and its normals (n, 3) there; mm, object frame."""
-
-    part: Part
-    points: FloatArray
-    normals: FloatArray
-
-    @classmethod
-    def of(cls, part: Part) -> SurfaceMatch:
-        """Of each face in proportion to its area; the same part gives the same points."""
-        rng = np.random.default_rng(0)
-        a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        face = rng.choice(len(area), _SAMPLES, p=area / area.sum())
-        u, v = rng.random((2, _SAMPLES, 1))
-        fold = u + v > 1.0
-        u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
-        points = a[face] + u * (b - a)[face] + v * (c - a)[face]
-        return cls(part, points, part.face_normals[face])
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(np.hstack([self.points, self._reach * self.normals]))
-
-    @property
-    def _reach(self) -> float:
-        return 0.1 * self.part.diameter
-
-    @cached_property
-    def _spacing(self) -> float:
-        beside, _ = self._tree.query(self._tree.data, k=2)
-        return float(np.quantile(beside[:, 1], 0.9))
-
-    def error(self, turn: FloatArray, count: int = _SAMPLES) -> float:
-        """How far the turned surface is from itself, of `count` points, as a share of the diameter.
-
-        turn: (4, 4). Off its plane, or beside it by more than the sampling; the worst 2% are left out.
-        """
-        there, facing = transform(turn, self.points[:count]), self.normals[:count] @ turn[:3, :3].T
-        distance, nearest = self._tree.query(np.hstack([there, self._reach * facing]))
-        off_plane = np.abs(np.einsum("ij,ij->i", there - self.points[nearest], self.normals[nearest]))
-        return float(np.quantile(np.maximum(off_plane, distance - 2.5 * self._spacing), 0.98)) / self.part.diameter
-
-
 def find_symmetries(part: Part, edges: EdgeSamples) -> Symmetries:
     """The turns after which a part looks the same, none for most; edges: of this part, all that can be seen.
 
     The same part gives the same answer. Reference for what is sought: BOP's `models_info.json`.
     """
-    search = _Search(part, edges)
-    lines = [axis for axis in search.axes if search.matches(axis, _ODD_ANGLE)]
+    search = _Search(part, edges, make_caster(part))
+    lines = [axis for axis in search.axes if all(search.matches(axis, angle) for angle in _ODD_ANGLES)]
     turns: list[FloatArray] = []
     if lines:  # what is about such a line is no news, and any half turn across it is as good as another
         turns = search.half_turns_across(lines[0], 1) if len(lines) == 1 else []
@@ -117,22 +74,25 @@ def find_symmetries(part: Part, edges: EdgeSamples) -> Symmetries:
 class _Search:
     """What is tried on one part."""
 
-    def __init__(self, part: Part, edges: EdgeSamples) -> None:
-        self._surface, self._diameter = SurfaceMatch.of(part), part.diameter
+    def __init__(self, part: Part, edges: EdgeSamples, caster: RayCaster) -> None:
+        self._part, self._caster, self._diameter = part, caster, part.diameter
         kept = edges.crease
-        self._points, self._tangents = edges.points_obj[kept], edges.tangents_obj[kept]
+        self._points, self._tangents, self._off = (
+            rows[kept] for rows in (edges.points_obj, edges.tangents_obj, edges.off_obj)
+        )
         self._tree = cKDTree(self._points) if kept.any() else None
         a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None] / 2.0
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
         middle = (a + b + c) / 3.0
-        self.centre = (area * middle).sum(0) / area.sum()
-        # Of triangles: their corners and their middle, as 1 to 9.
-        from_centre = [area * (p - self.centre) * (weight**0.5) for p, weight in ((a, 1), (b, 1), (c, 1), (middle, 9))]
-        scatter = sum((rows / area**0.5).T @ (rows / area**0.5) for rows in from_centre)
-        principal = np.linalg.eigh(scatter)[1].T
+        self.centre = area @ middle / area.sum()
+        scatter = np.zeros((3, 3))
+        for points, weight in ((a, 1.0), (b, 1.0), (c, 1.0), (middle, 9.0)):  # the integral over a triangle
+            apart = points - self.centre
+            scatter += weight * (area[:, None] * apart).T @ apart
+        self._sampled, self._normals = _surface_samples(part, area)
         self.axes = list[FloatArray]()
-        for axis in (*np.eye(3), *principal, *_across_largest_faces(part, area[:, 0])):
-            if not any(abs(axis @ known) > 1.0 - 1e-6 for known in self.axes):
+        for axis in (*_across_largest_faces(part, area), *np.linalg.eigh(scatter)[1].T, *np.eye(3)):
+            if not any(abs(axis @ known) > _SAME_AXIS for known in self.axes):
                 self.axes.append(axis)
 
     def turn(self, axis: FloatArray, angle: float) -> FloatArray:
@@ -142,10 +102,11 @@ class _Search:
 
     def matches(self, axis: FloatArray, angle: float) -> bool:
         """Whether the part looks the same after a turn."""
-        turn = self.turn(axis, angle)
-        if self._surface.error(turn, _FEW) > 2.0 * SURFACE_TOLERANCE:
+        turn, within = self.turn(axis, angle), _SURFACE_TOLERANCE * self._diameter
+        if (self._distances(turn, within, _FEW) >= within).mean() > 8.0 * _SURFACE_OFF:
             return False
-        return self._surface.error(turn) < SURFACE_TOLERANCE and self._edges_off(turn) <= _EDGES_OFF
+        is_off = self._distances(turn, within, _SAMPLES) >= within
+        return is_off.mean() <= _SURFACE_OFF and self._edges_off(turn) <= _EDGES_OFF
 
     def fold(self, axis: FloatArray) -> int:
         """How many times the part looks the same in a whole turn about an axis (3,), at most `MOST_FOLD`.
@@ -168,7 +129,7 @@ class _Search:
             return np.cos(phase) * first + np.sin(phase) * second
 
         def error(phase: float) -> float:
-            return self._surface.error(self.turn(across(phase), np.pi), _FEW)
+            return float(self._distances(self.turn(across(phase), np.pi), 0.03 * self._diameter, 4 * _FEW).mean())
 
         phases = np.arange(0.0, np.pi / fold + step, step) if fold > 1 else np.zeros(1)
         errors = [error(phase) for phase in phases]
@@ -178,29 +139,57 @@ class _Search:
             step /= 2.0
         return [self.turn(across(best), np.pi)] if self.matches(across(best), np.pi) else []
 
+    def _distances(self, turn: FloatArray, reach: float, count: int) -> FloatArray:
+        """How far `count` points of the turned surface are from the surface, mm, at most `reach`.
+
+        Along their normals, to what faces the same way.
+        """
+        there, facing = transform(turn, self._sampled[:count]), self._normals[:count] @ turn[:3, :3].T
+        distance, face = self._caster.first_hit(there + reach * facing, -facing)
+        hit = face >= 0
+        away = np.full(len(there), reach)
+        alike = np.einsum("ij,ij->i", facing[hit], self._part.face_normals[face[hit]]) > _FACING
+        away[hit] = np.where(alike, np.minimum(np.abs(distance[hit] - reach), reach), reach)
+        return away
+
     def _edges_off(self, turn: FloatArray) -> float:
-        """Share of the creases that lie on no other one of their direction."""
+        """Share of the creases that lie on no other one of their direction, between faces that look the same way."""
         if self._tree is None:
             return 0.0
         there, along = transform(turn, self._points), self._tangents @ turn[:3, :3].T
-        _, nearest = self._tree.query(there, k=min(6, len(self._points)))
+        off = self._off @ turn[:3, :3].T
+        _, nearest = self._tree.query(there, k=min(_NEIGHBOURS, len(self._points)))
         nearest = nearest.reshape(len(there), -1)
-        way = there[:, None] - self._points[nearest]
-        direction = self._tangents[nearest]
+        way, direction = there[:, None] - self._points[nearest], self._tangents[nearest]
         lengthwise = np.einsum("nkj,nkj->nk", way, direction)
         aside = np.linalg.norm(way - lengthwise[..., None] * direction, axis=2)
         alike = np.abs(np.einsum("nj,nkj->nk", along, direction)) > 0.9
+        alike &= np.einsum("nj,nkj->nk", off, self._off[nearest]) > 0.5
         beside = np.linalg.norm(way, axis=2) < 0.02 * self._diameter
         return float(1.0 - (alike & beside & (aside < _EDGE_TOLERANCE * self._diameter)).any(1).mean())
+
+
+def _surface_samples(part: Part, area: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3) all over the surface, of each face in proportion to its area (m,), and its normals (n, 3)."""
+    rng = np.random.default_rng(0)
+    a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
+    face = rng.choice(len(area), _SAMPLES, p=area / area.sum())
+    u, v = rng.random((2, _SAMPLES, 1))
+    fold = u + v > 1.0
+    u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
+    return a[face] + u * (b - a)[face] + v * (c - a)[face], part.face_normals[face]
 
 
 def _across_largest_faces(part: Part, area: FloatArray) -> FloatArray:
     """Directions (k, 3) in which the most of the surface faces, up or down."""
     normals = part.face_normals
     upwards = np.sign(normals[np.arange(len(normals)), np.abs(normals).argmax(1)])[:, None] * normals
-    alike, number = np.unique(np.round(upwards, 3), axis=0, return_inverse=True)
+    _, number = np.unique(np.round(upwards, 3), axis=0, return_inverse=True)
     largest = np.argsort(-np.bincount(number.ravel(), area), kind="stable")[:_FACES]
-    return alike[largest] / np.linalg.norm(alike[largest], axis=1, keepdims=True)
+    found = np.array(
+        [np.average(upwards[number.ravel() == k], axis=0, weights=area[number.ravel() == k]) for k in largest]
+    )
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
 def _closed(turns: list[FloatArray]) -> list[FloatArray]:

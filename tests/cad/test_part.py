@@ -132,6 +132,16 @@ def test_no_path_is_no_part() -> None:
         Part.from_file(None)  # type: ignore[arg-type]
 
 
+def test_a_cavity_stays_one_where_a_face_around_it_is_reversed() -> None:
+    outer, inner = box(), box((20.0, 10.0, 5.0))
+    right = np.vstack([outer.faces, inner.faces[:, ::-1] + 8])
+    wrong = right.copy()
+    wrong[0] = wrong[0, ::-1]
+    vertices = np.vstack([outer.vertices, inner.vertices])
+    normals = Part.from_mesh(vertices, right, "hollow").face_normals
+    np.testing.assert_allclose(Part.from_mesh(vertices, wrong, "hollow").face_normals, normals)
+
+
 def _joined(*bodies: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Several meshes as one."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in bodies)])

@@ -86,6 +86,63 @@ def test_a_small_hole_tells_a_turn_from_another() -> None:
     assert len(found(both.vertices, both.faces)[1].discrete) == 1
 
 
+def cut(body: trimesh.Trimesh, holes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    return trimesh.boolean.difference([body, *holes], engine="manifold")
+
+
+@pytest.mark.parametrize("holes", [19, 25, 31, 44])
+def test_a_flange_has_as_many_turns_as_holes(holes: int) -> None:
+    """One rad is nearly three pitches of 19 holes, four of 25 and seven of 44: yet they are not round."""
+    disc = trimesh.creation.cylinder(50.0, 8.0, sections=100)
+    hub = trimesh.creation.cylinder(25.0, 40.0, sections=100)
+    hub.apply_translation((0.0, 0.0, 16.0))
+    drills = [trimesh.creation.cylinder(1.5, 30.0, sections=24) for _ in range(holes)]
+    for number, drill in enumerate(drills):
+        angle = 2.0 * np.pi * number / holes
+        drill.apply_translation((42.0 * np.cos(angle), 42.0 * np.sin(angle), 0.0))
+    flange = cut(trimesh.boolean.union([disc, hub], engine="manifold"), drills)
+    _, symmetries = found(flange.vertices, flange.faces)
+    assert not symmetries.continuous
+    assert len(symmetries.discrete) == holes - 1
+
+
+def test_ribs_close_together_are_told_apart() -> None:
+    base = trimesh.creation.box((100.0, 80.0, 5.0))
+    ribs = [trimesh.creation.box((0.5, 80.0, 30.0)) for _ in range(20)]
+    for number, rib in enumerate(ribs):
+        rib.apply_translation((5.0 * (number - 9.5), 0.0, 15.0))
+    sink = trimesh.boolean.union([base, *ribs], engine="manifold")
+    assert len(found(sink.vertices, sink.faces)[1].discrete) == 1
+
+
+@pytest.mark.parametrize("tilt_deg", [0.1, 0.2, 0.3])
+def test_a_tube_that_is_hardly_tilted_has_one_axis(tilt_deg: float) -> None:
+    tube = cut(trimesh.creation.cylinder(20.0, 60.0), [trimesh.creation.cylinder(15.0, 70.0)])
+    _, symmetries = found(tube.vertices, tube.faces, np.array([np.deg2rad(tilt_deg), 0.0, 0.0]))
+    assert (len(symmetries.continuous), len(symmetries.discrete)) == (1, 1)
+
+
+def test_the_sides_of_a_sheet_differ_where_one_has_a_pocket() -> None:
+    pocket = trimesh.creation.cylinder(3.0, 0.4, sections=32)
+    pocket.apply_translation((0.0, 0.0, 0.3))
+    sheet_ = cut(trimesh.creation.box((100.0, 60.0, 0.6)), [pocket])
+    _, symmetries = found(sheet_.vertices, sheet_.faces)
+    assert len(symmetries.discrete) == 1
+    assert symmetries.discrete[0][2, 2] == pytest.approx(1.0)
+
+
+def test_a_smooth_bump_is_no_symmetry() -> None:
+    """Two mm high on a disc of a hundred, without a crease."""
+    disc = trimesh.creation.cylinder(50.0, 10.0, sections=128)
+    disc = disc.subdivide_to_size(3.0)
+    away = np.hypot(disc.vertices[:, 0] - 30.0, disc.vertices[:, 1])
+    raised = (
+        disc.vertices + np.array([0.0, 0.0, 2.0]) * (np.exp(-(away**2) / 50.0) * (disc.vertices[:, 2] > 0.0))[:, None]
+    )
+    assert len(found(disc.vertices, disc.faces)[1].continuous) == 1
+    assert not found(raised, disc.faces)[1]
+
+
 def at(side: float) -> FloatArray:
     place = np.eye(4)
     place[:2, 3] = 30.0 * side, 20.0 * side
