@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from acp_lab.cad.part import Part
+from acp_lab.cad.symmetry import surface_samples
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import make_pose, so3_exp, transform
 
@@ -54,7 +55,7 @@ class FoundSymmetry:
 
 def find_symmetry(part: Part) -> FoundSymmetry:
     """Try all turns of the module's docstring on a part; the same part gives the same answer."""
-    points, normals = _surface_samples(part)
+    points, normals = surface_samples(part, _SAMPLES)
     reach = 0.1 * part.diameter
     tree = cKDTree(np.hstack([points, reach * normals]))
     beside, _ = tree.query(tree.data, k=2)
@@ -92,15 +93,3 @@ def _same_but_for(axes: tuple[FloatArray, ...], first: FloatArray, second: Float
 
 def _about(centre: FloatArray, rotation: FloatArray) -> FloatArray:
     return make_pose(rotation, centre - rotation @ centre)
-
-
-def _surface_samples(part: Part) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) spread evenly over the surface, of each face in proportion to its area, and its normals (n, 3)."""
-    rng = np.random.default_rng(0)
-    a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    face = rng.choice(len(area), _SAMPLES, p=area / area.sum())
-    u, v = rng.random((2, _SAMPLES, 1))
-    fold = u + v > 1.0
-    u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
-    return a[face] + u * (b - a)[face] + v * (c - a)[face], part.face_normals[face]

@@ -89,7 +89,7 @@ class _Search:
         for points, weight in ((a, 1.0), (b, 1.0), (c, 1.0), (middle, 9.0)):  # the integral over a triangle
             apart = points - self.centre
             scatter += weight * (area[:, None] * apart).T @ apart
-        self._sampled, self._normals = _surface_samples(part, area)
+        self._sampled, self._normals = surface_samples(part, _SAMPLES)
         self.axes = list[FloatArray]()
         for axis in (*_across_largest_faces(part, area), *np.linalg.eigh(scatter)[1].T, *np.eye(3)):
             if not any(abs(axis @ known) > _SAME_AXIS for known in self.axes):
@@ -169,12 +169,16 @@ class _Search:
         return float(1.0 - (alike & beside & (aside < _EDGE_TOLERANCE * self._diameter)).any(1).mean())
 
 
-def _surface_samples(part: Part, area: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) all over the surface, of each face in proportion to its area (m,), and its normals (n, 3)."""
+def surface_samples(part: Part, count: int) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3), mm, all over the surface, of each face in proportion to its area, and its normals (n, 3) there.
+
+    The same part gives the same points.
+    """
     rng = np.random.default_rng(0)
     a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
-    face = rng.choice(len(area), _SAMPLES, p=area / area.sum())
-    u, v = rng.random((2, _SAMPLES, 1))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    face = rng.choice(len(area), count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
     fold = u + v > 1.0
     u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
     return a[face] + u * (b - a)[face] + v * (c - a)[face], part.face_normals[face]
