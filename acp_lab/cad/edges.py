@@ -36,7 +36,7 @@ _NOISE_TIMES = 10
 """So many times as many at the default spacing are no part's: the noise of a scan, whose facets meet at any angle."""
 _MOST_AT_A_SPACING = 20 * MOST_CREASE_SAMPLES
 _USUAL_SAMPLES = 160.0
-"""Per diameter of an edge."""
+"""Of an edge as long as the diameter, by default."""
 GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -141,9 +141,10 @@ def sample_edges(
             stacklevel=2,
         )
     spacing = part.diameter / _USUAL_SAMPLES if spacing_mm is None else spacing_mm
+    length_mm = found.length_mm(part.vertices)
     if spacing_mm is None and max_crease_samples is None:
-        _check_no_noise(part, found)
-    spacing = _affordable(part, found.creases_and_rims, spacing, spacing_mm is None, max_crease_samples)
+        _check_no_noise(part, length_mm)
+    spacing = _affordable(part, length_mm, spacing, spacing_mm is None, max_crease_samples)
 
     # Normals and flags are looked up for the samples alone: for all edges they would be most of the memory.
     groups = []
@@ -175,14 +176,13 @@ def sample_edges(
 
 def check_has_edges(part: Part) -> None:
     """PartError for a part that `sample_edges` refuses, without sampling it."""
-    _check_no_noise(part, _mesh_edges(part, CREASE_ANGLE_DEG))
+    _check_no_noise(part, _mesh_edges(part, CREASE_ANGLE_DEG).length_mm(part.vertices))
 
 
-def _check_no_noise(part: Part, found: _MeshEdges) -> None:
-    length = sum(float(_lengths(part.vertices, pairs).sum()) for pairs in found.creases_and_rims)
-    if length > _NOISE_TIMES * MOST_CREASE_SAMPLES * part.diameter / _USUAL_SAMPLES:
+def _check_no_noise(part: Part, length_mm: float) -> None:
+    if length_mm > _NOISE_TIMES * MOST_CREASE_SAMPLES * part.diameter / _USUAL_SAMPLES:
         raise PartError(
-            f"{part.path or part.name}: has {length / part.diameter:.0f} times its diameter of edges, as of a scan, "
+            f"{part.path or part.name}: has {length_mm / part.diameter:.0f} times its diameter of edges, as of a scan, "
             "whose noise looks like edges: take the CAD model, or smooth the mesh, reduce its faces and join them"
         )
 
@@ -265,10 +265,10 @@ class _MeshEdges:
     rim_vertices: np.ndarray
     rim_faces: np.ndarray
 
-    @property
-    def creases_and_rims(self) -> list[np.ndarray]:
-        """Ids of vertices, (k, 2) each."""
-        return [self.vertex_pairs[self.crease], self.rim_vertices]
+    def length_mm(self, vertices: np.ndarray) -> float:
+        """Of creases and rims together; vertices (n, 3) mm."""
+        pairs = (self.vertex_pairs[self.crease], self.rim_vertices)
+        return sum(float(_lengths(vertices, rows).sum()) for rows in pairs)
 
 
 def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
@@ -299,7 +299,7 @@ def _mesh_edges(part: Part, crease_angle_deg: float) -> _MeshEdges:
 
 
 def _is_ball(part: Part) -> bool:
-    """Whether all vertices are as far from the middle of the box, within 1% of the diameter."""
+    """Whether the outer vertices are all as far from the middle of the box, within 1% of the diameter."""
     far = np.linalg.norm(part.vertices - part.box_centre, axis=1)
     outer = far[far > 0.8 * far.max()]  # it may be hollow
     return float(np.ptp(outer)) < 0.01 * part.diameter and len(outer) > 0.2 * len(far)
@@ -313,16 +313,15 @@ def _open_rims(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(mesh.edges_sorted)[lonely], np.asarray(mesh.edges_face)[lonely]
 
 
-def _affordable(part: Part, edges: list[np.ndarray], spacing_mm: float, is_default: bool, most: int | None) -> float:
-    """The spacing (mm) at which edges, lists of vertex ids (k, 2), give no more than `most` samples; as told else."""
+def _affordable(part: Part, length_mm: float, spacing_mm: float, is_default: bool, most: int | None) -> float:
+    """The spacing (mm) at which edges of a length give no more than `most` samples; as told where they do not."""
     if most is None:
         most = MOST_CREASE_SAMPLES if is_default else _MOST_AT_A_SPACING
-    length = sum(float(_lengths(part.vertices, pairs).sum()) for pairs in edges)
-    if length <= most * spacing_mm:
+    if length_mm <= most * spacing_mm:
         return spacing_mm
-    wider = length / most
+    wider = length_mm / most
     warnings.warn(
-        f"{part.path or part.name}: {length / spacing_mm:.0f} edge samples would be needed, {most} are taken, one "
+        f"{part.path or part.name}: {length_mm / spacing_mm:.0f} edge samples would be needed, {most} are taken, one "
         f"every {wider:.2g} mm; where that is far more than the part has edges, the mesh is a scan, or its triangles "
         "do not hang together",
         RuntimeWarning,

@@ -185,18 +185,19 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
     corners = _without_copies(corners)
     alike = wound_alike(corners)
-    # What is closed by that can be turned as a whole; else only stitching says who neighbours whom.
-    corners = turned_out(points, alike if is_closed(alike) else corners)
+    is_mixed = alike is not corners
+    if is_mixed and is_closed(alike):  # else only stitching says who neighbours whom
+        corners, is_mixed = alike, False
+    corners = turned_out(points, corners)
     # A face without height has no normal. It goes only now because dropping it can open a closed mesh.
     corners = corners[~is_flat(points[corners], tolerance)]
     if len(corners) == 0:
         raise PartError(f"{where}: every face has zero area: export the part as a triangle mesh")
     whole = stitched(points, corners, tolerance)
-    if whole is not corners:  # bodies that are closed now may be inside out
-        corners = turned_out(points, _without_copies(whole))
-    alike = wound_alike(corners)
-    if alike is not corners:
-        corners = turned_out(points, alike)
+    if whole is not corners:  # bodies that are closed now may be inside out, and what met only now wound two ways
+        corners, is_mixed = turned_out(points, _without_copies(whole)), True
+    if is_mixed:
+        corners = turned_out(points, wound_alike(corners))
     points, corners = _without_unused(points, np.ascontiguousarray(corners))
     points.flags.writeable = corners.flags.writeable = False
     return points, corners

@@ -127,7 +127,7 @@ class WayBack:
 
     Attributes:
         budget: work per frame, see `detection.work`: at most as many microseconds.
-        late_frames: for so many frames a part is lost, or is looked for, with that budget, then with late_budget.
+        late_frames: frames for which a lost part is looked for with that budget; from then on with late_budget.
         proposals: hypotheses of a search that are tried.
         least_score: that a hypothesis must have for that; least_score_near: of a search nearby, which aligns nothing.
         poor_below, poor_frames: so many frames in a row of a quality below that, and the detector looks around the
@@ -153,7 +153,9 @@ class WayBack:
                 raise TrackingError(f"way_back.{name} = {getattr(self, name):g}: give a number above 0")
         if not 1 <= self.proposals <= 100:
             raise TrackingError(f"way_back.proposals = {self.proposals}: give 1 to 100")
-        for name in ("late_frames", "poor_frames", "remembered_frames"):
+        if self.late_frames < 0:
+            raise TrackingError(f"way_back.late_frames = {self.late_frames}: give 0, for at once, or more")
+        for name in ("poor_frames", "remembered_frames"):
             if getattr(self, name) < 0:
                 raise TrackingError(f"way_back.{name} = {getattr(self, name)}: give 0, for never, or more")
         for name in ("least_score", "least_score_near", "poor_below"):

@@ -222,11 +222,10 @@ class Reacquisition:
             self.forget()
             return Verdict.RIGHT
         if self._second is None:
-            looks, sure_frames, frames, prior = (
-                self._looks, self._sure_frames, self._frames, SECOND_LOOKS[self._looks].of(last_seen)
-            )  # fmt: skip
+            looks, sure_frames, frames = self._looks, self._sure_frames, self._frames
             self.forget()
             self._looks, self._sure_frames, self._frames = looks, sure_frames, frames
+            prior = SECOND_LOOKS[looks].of(last_seen)
             self._second = Search(self._finder(), frame, _HYPOTHESES, prior, rival=cam_T_obj)
         search = self._second
         search.go_on(self._config.budget)

@@ -67,7 +67,7 @@ def crane_hook() -> Manifold:
 def bent_pipe() -> Manifold:
     """Group 4: a pipe, bent in two planes, with a hexagon at one end and a flange with two holes at the other."""
     corners = np.array([[-52.0, -20, 0], [-10, -20, 0], [22, 22, 0], [22, 34, 44]])
-    pipe = _swept(_rounded(corners, 16), np.full(70, 6.5), 28)
+    pipe = _swept(_rounded(corners, 16), 6.5, 28)
     ear = profile([(-22, -9), (22, -9), (22, 9), (-22, 9)], 8)
     flange = prism(ear, 6) - bore(3, (15, 0, 0), segments=24) - bore(3, (-15, 0, 0), segments=24)
     tip = corners[3] - corners[2]
@@ -136,7 +136,7 @@ def torsion_spring() -> Manifold:
     bend = np.deg2rad(np.arange(15, 91, 15))[:, None]
     bent = coil[-1] + 7 * (np.sin(bend) * along + (1 - np.cos(bend)) * np.array([0.0, 0.0, 1.0]))
     path = np.vstack([ahead, coil, bent, bent[-1] + [[0.0, 0.0, 9.0], [0.0, 0.0, 18.0]]])
-    return _swept(path, np.full(len(path), 2.2), 20)
+    return _swept(path, 2.2, 20)
 
 
 def knurled_knob() -> Manifold:
@@ -176,7 +176,7 @@ def bent_bracket() -> Manifold:
 
 
 def sieve_plate() -> Manifold:
-    """Group 2: a plate of 3 mm with a field of 63 equal holes, a bent edge, a cut corner and two ears."""
+    """Group 2: a plate of 3 mm with a field of 63 equal holes, a bent edge, a cut corner and an ear."""
     outline = profile([(-50, -36), (50, -36), (50, 20), (36, 34), (-50, 34)], 4)
     body = prism(outline, 3) + block((-46, -36, 0), (46, -33, 14)) + block((50, -20, 0), (60, -4, 3))
     holes = [bore(3, (-40 + 10 * k, -22 + 7.5 * n, 0), segments=20) for n in range(7) for k in range(9)]
@@ -195,7 +195,7 @@ def forged_lever() -> Manifold:
 
 
 def door_handle() -> Manifold:
-    """Group 4: a cast handle without a sharp edge: a curved, tapering grip on a neck and a rose with a lug."""
+    """Group 4: a cast handle with hardly a sharp edge: a curved, tapering grip on a neck and a rose with a lug."""
 
     def inside(p: Point) -> float:
         rose = _blend(_disc(p, (-42, 0, -28), 21, 6, 6), _disc(p, (-42, 20, -28), 9, 6, 6), 5)
@@ -259,7 +259,7 @@ def _capsule(p: Point, start: Point, end: Point, radius: float) -> float:
 
 
 def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
-    """A polyline (n, 3) with its inner corners rounded, sampled where it turns: (70, 3) points, evenly by number."""
+    """A polyline (n, 3) with its inner corners rounded, closely where it turns: (70, 3) points."""
     parts = [corners[:1]]
     for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
         to_before, to_after = (v / np.linalg.norm(v) for v in (before - corner, after - corner))
@@ -276,8 +276,12 @@ def _rounded(corners: np.ndarray, radius: float) -> np.ndarray:
     return np.stack([np.interp(at, np.arange(len(path)), path[:, k]) for k in range(3)], axis=1)
 
 
-def _swept(path: np.ndarray, radius: np.ndarray, segments: int, flatten: float = 1.0) -> Manifold:
-    """A round bar along a path (n, 3) with its radius (n,) at each point; `flatten` scales it along the binormal."""
+def _swept(path: np.ndarray, radius: np.ndarray | float, segments: int, flatten: float = 1.0) -> Manifold:
+    """A round bar along a path (n, 3), mm, with a radius everywhere or (n,) at each point.
+
+    flatten: scale along the normal, which turns about the path no more than it must.
+    """
+    radius = np.broadcast_to(radius, len(path))
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     normal = np.empty_like(path)
@@ -288,8 +292,7 @@ def _swept(path: np.ndarray, radius: np.ndarray, segments: int, flatten: float =
     binormal = np.cross(tangent, normal)
     angle = 2 * np.pi * np.arange(segments) / segments
     rings = path[:, None] + radius[:, None, None] * (
-        np.cos(angle)[:, None] * normal[:, None] * (flatten if flatten != 1 else 1)
-        + np.sin(angle)[:, None] * binormal[:, None]
+        np.cos(angle)[:, None] * normal[:, None] * flatten + np.sin(angle)[:, None] * binormal[:, None]
     )
     ring, step = np.arange(segments), (np.arange(segments) + 1) % segments
     quads = np.concatenate(

@@ -165,6 +165,7 @@ MACHINED: dict[str, tuple[int, Callable[[], Manifold]]] = {
 
 
 def turn_about_z(degrees: float) -> list[float]:
+    """The 16 numbers, row by row, of a turn about the object's z axis, as models_info.json has them."""
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
     return [float(value) for value in turn.ravel()]
