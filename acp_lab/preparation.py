@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import cv2
 
 from acp_lab.cad.edges import sample_edges
+from acp_lab.cad.near_turns import near_turns
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
 from acp_lab.cad.symmetry import find_symmetries
@@ -98,6 +99,7 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
     if not part.symmetries.told:
         part = replace(part, symmetries=find_symmetries(part, model.edges))
         model = replace(model, part=part)
+    model = replace(model, near_turns=near_turns(part, model.edges))
     if trains and model.seed != options.seed:  # only the networks depend on it
         model = replace(model, seed=options.seed, networks=Trained(), cpu_s=_without(model.cpu_s, "networks"))
     if options.edge_break_mm is not None:

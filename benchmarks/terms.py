@@ -86,6 +86,7 @@ def without() -> dict[str, Method]:
         "alternatives": replace(ACP, recovery=Off()),
         "the wide cloud": replace(ACP, recovery=Alternatives(wide_below=0.0)),
         "the way back": replace(ACP, way_back=Off()),
+        "the check of turns": replace(ACP, turns=Off()),
         "matched tones": replace(ACP, tones=Off()),
     }
     return {name: replace(method, name=f"without {name}") for name, method in methods.items()}

@@ -69,3 +69,21 @@ def looking_at(part: Part, direction_obj: FloatArray, distance: float, roll_rad:
     c, s = np.cos(roll_rad), np.sin(roll_rad)
     turn = np.stack([c * x + s * y, c * y - s * x, z])
     return make_pose(turn, turn @ -(part.box_centre - z * distance))
+
+
+def wheel(teeth: int = 20, keyed: bool = True, shift: tuple[float, float, float] = (0, 0, 0)) -> Part:
+    """A wheel of so many square teeth about z, with a bore; keyed: and a slot beside it, which one turn alone has."""
+    radius = 30.0
+    body = trimesh.creation.cylinder(radius, 12.0, sections=4 * teeth)
+    cuts = [trimesh.creation.cylinder(8.0, 40.0, sections=64)]
+    for k in range(teeth):
+        gap = trimesh.creation.box((0.2 * radius, np.pi * radius / teeth, 40.0))
+        gap.apply_translation((radius, 0.0, 0.0))
+        gap.apply_transform(trimesh.transformations.rotation_matrix(2.0 * np.pi * (k + 0.5) / teeth, (0, 0, 1)))
+        cuts.append(gap)
+    if keyed:
+        slot = trimesh.creation.box((14.0, 7.0, 40.0))
+        slot.apply_translation((13.0, 0.0, 0.0))
+        cuts.append(slot)
+    mesh = trimesh.boolean.difference([body, *cuts], engine="manifold")
+    return Part.from_mesh(np.asarray(mesh.vertices) + shift, np.asarray(mesh.faces), "wheel")

@@ -10,14 +10,15 @@ rays at points all over it, and every edge on an edge, a small hole's too: what 
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from acp_lab.cad.creases import Creases
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
+from acp_lab.cad.turning import likely_axes, telling_steps, turn_about
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.geometry.pose import make_pose, so3_exp, transform
+from acp_lab.geometry.pose import transform
 
 MOST_FOLD = 72
 MOST_TURNS = 2 * MOST_FOLD
@@ -28,11 +29,9 @@ _EDGE_TOLERANCE, _EDGES_OFF = 0.003, 0.004
 """The same for edges: a hole of a fiftieth of the diameter is more."""
 _ODD_ANGLES = (1.0, 2.236, 0.6435)
 """rad; no number of equal parts fits into all three, so what they map to itself is round."""
-_SAMPLES, _FEW, _FACES, _NEIGHBOURS = 4000, 250, 4, 16
+_SAMPLES, _FEW = 4000, 250
 _FACING = 0.85
 """Cosine between normals that look the same way: facets of what is round differ."""
-_SAME_AXIS = 0.9994
-"""Cosine of two degrees."""
 _PHASE_STEP_DEG = 1.0
 
 
@@ -76,29 +75,13 @@ class _Search:
 
     def __init__(self, part: Part, edges: EdgeSamples, caster: RayCaster) -> None:
         self._part, self._caster, self._diameter = part, caster, part.diameter
-        kept = edges.crease
-        self._points, self._tangents, self._off = (
-            rows[kept] for rows in (edges.points_obj, edges.tangents_obj, edges.off_obj)
-        )
-        self._tree = cKDTree(self._points) if kept.any() else None
-        a, b, c = part.vertices[part.faces].transpose(1, 0, 2)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
-        middle = (a + b + c) / 3.0
-        self.centre = area @ middle / area.sum()
-        scatter = np.zeros((3, 3))
-        for points, weight in ((a, 1.0), (b, 1.0), (c, 1.0), (middle, 9.0)):  # the integral over a triangle
-            apart = points - self.centre
-            scatter += weight * (area[:, None] * apart).T @ apart
+        self._creases = Creases(edges, part.diameter)
         self._sampled, self._normals = surface_samples(part, _SAMPLES)
-        self.axes = list[FloatArray]()
-        for axis in (*_across_largest_faces(part, area), *np.linalg.eigh(scatter)[1].T, *np.eye(3)):
-            if not any(abs(axis @ known) > _SAME_AXIS for known in self.axes):
-                self.axes.append(axis)
+        self.centre, self.axes = likely_axes(part)
 
     def turn(self, axis: FloatArray, angle: float) -> FloatArray:
         """By an angle, rad, about an axis (3,) through the centre: (4, 4)."""
-        rotation = so3_exp(angle * axis)
-        return make_pose(rotation, self.centre - rotation @ self.centre)
+        return turn_about(self.centre, axis, angle)
 
     def matches(self, axis: FloatArray, angle: float) -> bool:
         """Whether the part looks the same after a turn."""
@@ -106,15 +89,15 @@ class _Search:
         if (self._distances(turn, within, _FEW) >= within).mean() > 8.0 * _SURFACE_OFF:
             return False
         is_off = self._distances(turn, within, _SAMPLES) >= within
-        return is_off.mean() <= _SURFACE_OFF and self._edges_off(turn) <= _EDGES_OFF
+        if is_off.mean() > _SURFACE_OFF:
+            return False
+        edges_off = ~self._creases.covered(turn, _EDGE_TOLERANCE)
+        return bool(np.count_nonzero(edges_off) <= _EDGES_OFF * len(edges_off))
 
     def fold(self, axis: FloatArray) -> int:
-        """How many times the part looks the same in a whole turn about an axis (3,), at most `MOST_FOLD`.
-
-        After one of the equal turns, and after a third and a half of a round of them: else 31 would pass for 30.
-        """
+        """How many times the part looks the same in a whole turn about an axis (3,), at most `MOST_FOLD`."""
         for fold in range(MOST_FOLD, 1, -1):
-            if all(self.matches(axis, 2.0 * np.pi * steps / fold) for steps in (1, fold // 3, fold // 2) if steps):
+            if all(self.matches(axis, 2.0 * np.pi * steps / fold) for steps in telling_steps(fold)):
                 return fold
         return 1
 
@@ -152,22 +135,6 @@ class _Search:
         away[hit] = np.where(alike, np.minimum(np.abs(distance[hit] - reach), reach), reach)
         return away
 
-    def _edges_off(self, turn: FloatArray) -> float:
-        """Share of the creases that lie on no other one of their direction, between faces that look the same way."""
-        if self._tree is None:
-            return 0.0
-        there, along = transform(turn, self._points), self._tangents @ turn[:3, :3].T
-        off = self._off @ turn[:3, :3].T
-        _, nearest = self._tree.query(there, k=min(_NEIGHBOURS, len(self._points)))
-        nearest = nearest.reshape(len(there), -1)
-        way, direction = there[:, None] - self._points[nearest], self._tangents[nearest]
-        lengthwise = np.einsum("nkj,nkj->nk", way, direction)
-        aside = np.linalg.norm(way - lengthwise[..., None] * direction, axis=2)
-        alike = np.abs(np.einsum("nj,nkj->nk", along, direction)) > 0.9
-        alike &= np.einsum("nj,nkj->nk", off, self._off[nearest]) > 0.5
-        beside = np.linalg.norm(way, axis=2) < 0.02 * self._diameter
-        return float(1.0 - (alike & beside & (aside < _EDGE_TOLERANCE * self._diameter)).any(1).mean())
-
 
 def surface_samples(part: Part, count: int) -> tuple[FloatArray, FloatArray]:
     """Points (n, 3), mm, all over the surface, of each face in proportion to its area, and its normals (n, 3) there.
@@ -182,18 +149,6 @@ def surface_samples(part: Part, count: int) -> tuple[FloatArray, FloatArray]:
     fold = u + v > 1.0
     u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
     return a[face] + u * (b - a)[face] + v * (c - a)[face], part.face_normals[face]
-
-
-def _across_largest_faces(part: Part, area: FloatArray) -> FloatArray:
-    """Directions (k, 3) in which the most of the surface faces, up or down."""
-    normals = part.face_normals
-    upwards = np.sign(normals[np.arange(len(normals)), np.abs(normals).argmax(1)])[:, None] * normals
-    _, number = np.unique(np.round(upwards, 3), axis=0, return_inverse=True)
-    largest = np.argsort(-np.bincount(number.ravel(), area), kind="stable")[:_FACES]
-    found = np.array(
-        [np.average(upwards[number.ravel() == k], axis=0, weights=area[number.ravel() == k]) for k in largest]
-    )
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
 def _closed(turns: list[FloatArray]) -> list[FloatArray]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.errors import InputFileError, PreparationError
+from acp_lab.geometry.arrays import FloatArray
 from acp_lab.input_file import read_bytes, read_json_object
 from acp_lab.prepared_part.integrity import changes, checksum
 
@@ -44,6 +45,7 @@ def header_of(model: PreparedPart) -> dict[str, Any]:
             "discrete": part.symmetries.discrete.tolist(),
             "continuous": [[list(axis), list(offset)] for axis, offset in part.symmetries.continuous],
         },
+        "near_turns": model.near_turns.tolist(),
         "edge_break_mm": model.edge_break_mm,
         "edge_samples": len(model.edges),
         "views": 0 if model.views is None else len(model.views),
@@ -128,6 +130,11 @@ def symmetries_of(header: Mapping[str, Any]) -> Symmetries:
         np.array(stored["discrete"]).reshape(-1, 4, 4),
         tuple((tuple(axis), tuple(offset)) for axis, offset in stored["continuous"]),
     )
+
+
+def near_turns_of(header: Mapping[str, Any]) -> FloatArray:
+    """(k, 4, 4), see `cad.near_turns`."""
+    return np.array(header.get("near_turns", ()), np.float64).reshape(-1, 4, 4)
 
 
 def withdraw_header(folder: Path, sha256: str, contents: Mapping[str, bytes]) -> None:

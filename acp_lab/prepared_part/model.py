@@ -26,7 +26,14 @@ from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import arrays
-from acp_lab.prepared_part.header import UNSEALED_VERSION, header_of, read_header, sha256_of, withdraw_header
+from acp_lab.prepared_part.header import (
+    UNSEALED_VERSION,
+    header_of,
+    near_turns_of,
+    read_header,
+    sha256_of,
+    withdraw_header,
+)
 from acp_lab.prepared_part.integrity import SUFFIX, check_sealed, header_bytes
 from acp_lab.prepared_part.options import PrepareOptions
 from acp_lab.prepared_part.trained import RegionReport, RegressionValues, Trained
@@ -49,6 +56,8 @@ class PreparedPart:
         seed: of all random choices.
         templates: view templates, if prepared.
         views: what shows from all around, for finding the part; None in parts prepared before there was a detector.
+        near_turns: (k, 4, 4) after which most of the part looks the same, see `cad.near_turns`; none in parts prepared
+            before they were looked for.
         networks: the visibility networks that were trained.
         regressed_points: the regressed W (4, 3) mm of each region.
         autoencoders: the paper's edge image generators that were trained.
@@ -64,6 +73,7 @@ class PreparedPart:
     seed: int = 0
     templates: TemplateGenerator | None = None
     views: Views | None = None
+    near_turns: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 4)))
     networks: Trained[RegionNetwork, RegionReport] = field(default_factory=Trained)
     regressed_points: Trained[FloatArray, RegressionValues] = field(default_factory=Trained)
     autoencoders: Trained[RegionAutoencoder, AutoencoderReport] = field(default_factory=Trained)
@@ -217,6 +227,7 @@ class PreparedPart:
                 seed=int(header["seed"]),
                 templates=arrays.load_templates(folder, header, part, edges),
                 views=arrays.load_views(folder, header, part, edges),
+                near_turns=near_turns_of(header),
                 networks=arrays.load_networks(folder, header, edges),
                 regressed_points=arrays.load_regressed_points(folder, header),
                 autoencoders=arrays.load_autoencoders(folder, header),

@@ -36,7 +36,7 @@ from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.solvers import Problem, WeightedMeasure, minimise
 from acp_lab.tracking.sources.lift import EdgeLifter
 from acp_lab.tracking.stopwatch import Stopwatch
-from acp_lab.tracking.targets import Measure
+from acp_lab.tracking.targets import QUALITY_SIGMA_PX, Measure
 from acp_lab.tracking.targets.normals import NormalSearch
 
 # Fewer edge points than this cannot fix six degrees of freedom with any safety.
@@ -225,7 +225,7 @@ class FrameSolver:
         """A solution with the information that a solve's last level has there; as it is where too few edges show."""
         at, method = solution.estimate, self.method
         level = self.levels_at(at)[-1]
-        edges = self._generate_or_none(at, level.samples)
+        edges = self.edges_at(at, level.samples, Stopwatch())
         if edges is None:
             return solution
         try:
@@ -239,12 +239,23 @@ class FrameSolver:
 
     def agreement(self, seen: SeenFrame, at: Estimate, level: Level) -> float:
         """In [0, 1]: how well the frame agrees with an estimate, whatever was learnt of how its edges look."""
-        edges = self._generate_or_none(at, level.samples)
+        edges = self.edges_at(at, level.samples, Stopwatch())
         return 0.0 if edges is None else seen.targets[0].agreement(edges, at, level, level.sigma_px)
+
+    def edges_at(self, at: Estimate, samples: int, clock: Stopwatch) -> GeneratedEdges | None:
+        """The edges of an estimate, so many at most; None where too few show, or the part cannot be seen from there."""
+        try:
+            return self._generate(at, samples, clock)
+        except GeometryError:
+            return None
+
+    def found(self, seen: SeenFrame, edges: GeneratedEdges, at: Estimate, level: Level) -> float:
+        """In [0, 1]: how well the frame agrees with some of an estimate's edges, whatever was learnt of their look."""
+        return seen.targets[0].agreement(edges, at, level, QUALITY_SIGMA_PX)
 
     def explained(self, seen: SeenFrame, at: Estimate) -> int:
         """How many of the image's edge pixels the part's edges at an estimate explain, see `explained_edges`."""
-        edges = self._generate_or_none(at, EVERY_SAMPLE)
+        edges = self.edges_at(at, EVERY_SAMPLE, Stopwatch())
         return 0 if edges is None else seen.image_edges.explained(edges.points)
 
     def shown_edges(self, solution: Solution) -> GeneratedEdges:
@@ -268,13 +279,6 @@ class FrameSolver:
         edges = self.source.generate(at, samples)
         clock.generate_s += clock.lap()
         return edges if len(edges) >= MIN_EDGES and np.isfinite(edges.points.sum()) else None
-
-    def _generate_or_none(self, at: Estimate, samples: int) -> GeneratedEdges | None:
-        """Edges of an estimate that may be a pose from which the part cannot be seen."""
-        try:
-            return self._generate(at, samples, Stopwatch())
-        except GeometryError:
-            return None
 
     def _solve(
         self, seen: SeenFrame, start: Estimate, clock: Stopwatch, levels: tuple[Level, ...] | None

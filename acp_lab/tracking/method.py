@@ -15,6 +15,7 @@
     start       what the first frame does with a given pose    start
     recovery    what happens when a frame fits badly           recovery
     way_back    who looks for a part that is lost              way_back
+    turns       by which tooth a part is turned                turn_check, turned
     learning    what is learnt of each edge sample             learning/
     confidence  how likely the part is there                   confidence
     uncertainty how exact its pose is then                     uncertainty
@@ -65,6 +66,7 @@ from acp_lab.tracking.targets.edge_confidence import EdgeConfidence
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tones import ToneMatching
+from acp_lab.tracking.turn_check import TurnCheck
 from acp_lab.tracking.uncertainty import PoseUncertainty
 
 Source = CadSamples | PaintedSamples | PaintedRidges
@@ -107,6 +109,7 @@ class Method:
     start: TrustedStart | Off = field(default_factory=TrustedStart)
     recovery: SecondTries | Alternatives | Off = field(default_factory=Alternatives)
     way_back: WayBack | Off = field(default_factory=WayBack)
+    turns: TurnCheck | Off = field(default_factory=TurnCheck)
     learning: SampleLearning | TargetLearning | Off = field(default_factory=SampleLearning)
     confidence: Confidence | Off = field(default_factory=Confidence)
     uncertainty: PoseUncertainty | Off = field(default_factory=PoseUncertainty)
@@ -271,6 +274,7 @@ ACP_EDGES = replace(
     sight=Off(),
     start=TrustedStart(agreement_alone=float("inf"), bias_in_breaks=0.0, both_ways=False),
     recovery=SecondTries(),
+    turns=Off(),
     learning=SampleLearning(
         offsets=OffsetConfig(view_deg=0.0, follow_rate=0.0),
         polarity=Off(),
@@ -306,6 +310,7 @@ ACP_PAPER = Method(
     start=Off(),
     recovery=Off(),
     way_back=Off(),
+    turns=Off(),
     learning=Off(),
     confidence=Off(),
     uncertainty=Off(),
@@ -364,6 +369,7 @@ REGION = Method(
     start=Off(),
     recovery=Off(),
     way_back=Off(),
+    turns=Off(),
     learning=TargetLearning(),
     confidence=Off(),
     uncertainty=Off(),

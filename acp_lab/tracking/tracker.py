@@ -47,6 +47,8 @@ from acp_lab.tracking.start import LOOK_LEVEL, Started, TrustedStart, begin
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.time_step import FrameTimes, TimeStep
 from acp_lab.tracking.tones import Tones
+from acp_lab.tracking.turn_check import TurnCheck
+from acp_lab.tracking.turned import TurnChecker, Turned
 from acp_lab.tracking.whereabouts import Whereabouts
 
 
@@ -88,6 +90,10 @@ class Tracker:
         self._finder = LateFinder(model)
         self._assessment = Assessment(model.part, self.solver.method)
         self._whereabouts = Whereabouts(model, self.solver.method, self._assessment, self._finder)
+        turns, has_turns = self.method.turns, len(model.near_turns) > 0
+        self._turn_checker: TurnChecker | None = None
+        if isinstance(turns, TurnCheck) and has_turns:
+            self._turn_checker = TurnChecker(model.near_turns, turns, self._pursuit)
         self._corners_obj = box_corners(model.part)
         camera, takes_jerks = self.method.camera, isinstance(self.method.prediction, KalmanPrediction)
         self._camera = CameraFollower(model.part, camera) if isinstance(camera, CameraMotion) and takes_jerks else None
@@ -234,7 +240,7 @@ class Tracker:
         if not comes_again:
             self._follow_camera(frame, step, clock)
         self.solver.magnify(frame.camera, self.predicted)
-        proposals, other = whereabouts.proposals(frame, clock), None
+        proposals, other, turned = whereabouts.proposals(frame, clock), None, None
         if proposals:
             predicted, solution = self.predicted, pursuit.best_of(frame, proposals, clock)
             whereabouts.tried(solution)
@@ -243,7 +249,9 @@ class Tracker:
             if not whereabouts.is_looked_for:
                 solution = pursuit.recover(frame, predicted, solution, clock, whereabouts.states)
             other = self._elsewhere(frame, solution, clock)
-            solution = other or solution
+            if other is None:
+                turned = self._turned(frame, solution, clock)
+            solution = other or (turned.solution if turned else solution)
         if whereabouts.is_looked_for and whereabouts.is_another(frame, solution, bool(proposals), pursuit.solve, clock):
             pursuit.turn_back(whereabouts.last_seen)
             solution = None
@@ -259,7 +267,7 @@ class Tracker:
             pursuit.restart(solution.cam_T_obj if whereabouts.fits else whereabouts.last_seen)
             if whereabouts.fits:
                 pursuit.remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
-        elif other is not None:
+        elif other is not None or (turned is not None and turned.is_leap):
             pursuit.begin(solution, solution.score)  # a leap, too, and how well the wrong pose fitted says nothing
             pursuit.remember(frame, solution.cam_T_obj)
         else:
@@ -277,6 +285,8 @@ class Tracker:
             pursuit.usual.take_in(solution)
         if other is not None:
             note = "; ".join(filter(None, ("the detector finds it elsewhere", note)))
+        if turned is not None:
+            note = "; ".join(filter(None, ("turned: only there the edges that tell are found", note)))
         # Where the region was chosen at.
         at = predicted if other is None and not proposals else solution.cam_T_obj
         return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(at) or note)
@@ -337,6 +347,8 @@ class Tracker:
         self._shown.forget()
         if self._camera is not None:
             self._camera.forget()
+        if self._turn_checker is not None:
+            self._turn_checker.forget()
         self._started = self._trusted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 
@@ -408,6 +420,15 @@ class Tracker:
             pursuit.region = region
             return None
         return best
+
+    def _turned(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Turned | None:
+        """A frame solved at another turn of a part that looks nearly the same there; None where its solution stays."""
+        if self._turn_checker is None or solution is None or self._whereabouts.is_looked_for:
+            return None
+        turned = self._turn_checker.other(frame, solution, clock)
+        if turned is not None:
+            self._pursuit.region = turned.solution.estimate.view.region
+        return turned
 
     def _follow_camera(self, frame: Frame, step: TimeStep, clock: Stopwatch) -> None:
         """Expect the part where a camera that turned otherwise than before takes it."""

@@ -30,6 +30,7 @@ from data_recipes.metal.solids import (
     rod,
     slot,
 )
+from data_recipes.metal.toothed_parts import TOOTHED
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,7 @@ PARTS: dict[str, tuple[int, Callable[[], Manifold]]] = {
     "v_block": (1, v_block),
     **MACHINED,
     **FORMED,
+    **TOOTHED,
 }
 """Group and builder by name, in the order of `plan.PART_NAMES`."""
 

@@ -20,7 +20,8 @@ PART_NAMES = (
     "corner_bracket", "port_block", "cam_disc", "fork_end", "heat_sink", "tee_fitting",
     "connecting_rod", "spur_gear", "bent_pipe", "bent_bracket", "hexagon_bolt", "turbine_blade", "sieve_plate",
     "torsion_spring", "forged_lever", "pump_housing", "helical_pinion", "crane_hook", "knurled_knob", "spanner",
-    "impeller", "door_handle",
+    "impeller", "door_handle", "chain_sprocket", "splined_shaft", "ratchet_wheel", "bolted_flange", "timing_pulley",
+    "slotted_nut", "brake_disc", "milling_cutter",
 )  # fmt: skip
 FIRST_PARTS = PART_NAMES[:7]
 """The default parts, and those that serve as clutter. Later parts stay out of it: another one would change what every

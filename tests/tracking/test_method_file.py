@@ -39,6 +39,7 @@ from acp_lab.tracking.targets.distance_map import DistanceMap, EdgeMapConfig
 from acp_lab.tracking.targets.normals import NormalSearch
 from acp_lab.tracking.targets.regions import RegionLines
 from acp_lab.tracking.tones import ToneMatching
+from acp_lab.tracking.turn_check import TurnCheck
 from acp_lab.tracking.uncertainty import PoseUncertainty
 
 # In these every setting differs from what `acp` and `acp-paper` have.
@@ -101,6 +102,7 @@ FUSED = Method(
         0.65, 0.1, 0.2, 0.01, 5.0, 0.4, Cloud(4.0, 0.2, 50, 5, 3), 0.7, Cloud(9.0, 0.3, 99, 7, 1), 0.3, 0.2
     ),
     way_back=WayBack(1e4, 9, 2e4, 3, 0.7, 0.3, 0.8, 12, 90),
+    turns=TurnCheck(-0.2, 2.0, 3.0, 5.0),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0, 0.9),
     tones=ToneMatching(9.0, 0.4, 0.3, 0.7, 0.03, 0.5),
     denoising=Denoising(2.0, 8.0, 1.5, 7, 3),
@@ -111,7 +113,7 @@ EVERY = [*METHODS.values(), RIDGES, NORMALS, FUSED, replace(NORMALS, solver=Gaus
 
 def test_no_part_that_is_written_out_here_is_at_its_default() -> None:
     region, rest = FUSED.targets[1], (FUSED.prediction, FUSED.recovery, FUSED.sight, FUSED.way_back, FUSED.confidence)
-    rest = (*rest, FUSED.tones, FUSED.denoising, FUSED.uncertainty, FUSED.camera)
+    rest = (*rest, FUSED.tones, FUSED.denoising, FUSED.uncertainty, FUSED.camera, FUSED.turns)
     for part in (region, region.colours, *rest):  # type: ignore[union-attr]
         for item in fields(part):
             assert getattr(part, item.name) != getattr(type(part)(), item.name), item.name
