@@ -24,7 +24,7 @@ from acp_lab.cad.bodies import is_closed, turned_out, wound_alike
 from acp_lab.cad.mesh_file import read_mesh_file
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.cad.stitching import is_flat, stitched
-from acp_lab.errors import InputFileError, PartError
+from acp_lab.errors import InputFileError, PartError, check_kind
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 from acp_lab.geometry.icosphere import icosphere
 from acp_lab.input_file import LARGEST_NUMBER
@@ -45,7 +45,7 @@ COARSEST = 1e-4
 _UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Part:
     """A CAD model: vertices (n, 3) float64 mm, faces (m, 3) int64, counter-clockwise seen from outside.
 
@@ -70,6 +70,10 @@ class Part:
     box_min: FloatArray
     box_max: FloatArray
     symmetries: Symmetries = field(default_factory=Symmetries.none)
+
+    def __repr__(self) -> str:
+        size = f"{len(self.vertices)} vertices, {len(self.faces)} faces"
+        return f"Part({self.name!r}, {size}, diameter {self.diameter:.1f} mm)"
 
     @cached_property
     def box_centre(self) -> FloatArray:
@@ -118,6 +122,8 @@ class Part:
         """
         if not isinstance(path, str | Path):
             raise InputFileError(f"{path!r}: is no path of a mesh file: give one, such as 'bracket.ply'")
+        if info is not None:
+            check_kind(info, PartInfo, "info", "an entry of models_info.json; a unit is given as unit='m'")
         path = Path(path)
         raw = read_mesh_file(path, unit)
         vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path), raw.unit_mm)
@@ -135,6 +141,8 @@ class Part:
 
         Raises PartError as `from_file` does.
         """
+        if not isinstance(name, str):
+            raise PartError(f"part {name!r}: its name is a {type(name).__name__}: give a word, such as 'bracket'")
         where = f"part '{name}'"
         vertices, faces = clean_mesh(vertices, faces, where)
         diameter = largest_distance(vertices)
@@ -159,7 +167,13 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
     unit of unit_mm.
     Raises PartError, whose message begins with `where`.
     """
-    points, corners = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
+    try:
+        points, named = np.array(vertices, dtype=np.float64), np.asarray(faces)
+    except (TypeError, ValueError):
+        raise PartError(f"{where}: vertices or faces are no arrays: give numbers (n, 3), mm, and (m, 3)") from None
+    if named.dtype.kind not in "iu" and named.size:
+        raise PartError(f"{where}: faces are {named.dtype}: give whole numbers (m, 3), rows of the vertices")
+    corners = named.astype(np.int64)
     if corners.size == 0:
         raise PartError(f"{where}: has no faces: export the part as a triangle mesh, not as points or curves")
     if len(corners) > MOST_FACES:

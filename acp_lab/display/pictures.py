@@ -73,9 +73,11 @@ def cut_to(axes: Axes, points: ArrayLike, margin_px: float = 15.0) -> None:
 
 
 def draw_edges(
-    axes: Axes, edges: GeneratedEdges, colour: Colour = GENERATED, label: str = "", width: float = 1.4
+    axes: Axes, edges: GeneratedEdges | None, colour: Colour = GENERATED, label: str = "", width: float = 1.4
 ) -> None:
-    """Edge points as short strokes along their tangents."""
+    """Edge points as short strokes along their tangents; nothing for None, those of a frame where none showed."""
+    if edges is None:
+        return
     draw_strokes(axes, edges.points, edges.tangents, colour, label, width)
 
 

@@ -18,7 +18,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from acp_lab.cad.part import Part
-from acp_lab.errors import SequenceError
+from acp_lab.errors import SequenceError, check_kind
 from acp_lab.evaluation.metrics import FrameErrors, Scores, pooled_scores, pose_error, scores
 from acp_lab.evaluation.part_metric import PartMetric, metric_name
 from acp_lab.geometry.arrays import FloatArray
@@ -124,7 +124,7 @@ def evaluate(results: Results, truth: BopScene | BopDataset | str | Path, split:
         if not isinstance(truth, BopDataset | str | Path):
             raise SequenceError(
                 f"{getattr(truth, 'name', type(truth).__name__)}: has no truth to score against: give a data set in "
-                "the BOP layout, or its folder"
+                "the BOP layout, or its folder, after the run: evaluate(run, scene)"
             )
         dataset = truth if isinstance(truth, BopDataset) else BopDataset(truth)
         only_scene = None
@@ -143,9 +143,7 @@ def evaluate(results: Results, truth: BopScene | BopDataset | str | Path, split:
         if object_id not in parts:
             parts[object_id] = dataset.part(object_id)
         errors = frame_errors(parts[object_id], poses, rows)
-        scored.append(
-            ObjectScores(scene_id, object_id, metric_name(parts[object_id]), scores(errors), errors)
-        )
+        scored.append(ObjectScores(scene_id, object_id, metric_name(parts[object_id]), scores(errors), errors))
     return Evaluation(tuple(scored), pooled_scores(item.errors for item in scored))
 
 
@@ -198,6 +196,9 @@ class _SceneFrames:
         return {frame_id: pose for frame_id, pose in poses if pose is not None}
 
 
+_RUN = "what tracker.run returned, or a results file"
+
+
 def _by_object(results: Results) -> dict[tuple[int, int], dict[int, ResultRow]]:
     """Rows by (scene id, object id), then image id."""
     if isinstance(results, str | Path):
@@ -206,9 +207,11 @@ def _by_object(results: Results) -> dict[tuple[int, int], dict[int, ResultRow]]:
     else:
         # A run has rows; anything else is rows.
         rows = results.rows if hasattr(results, "rows") else results
+        check_kind(rows, Iterable, "results", _RUN)
         source = "results"
     by_object: dict[tuple[int, int], dict[int, ResultRow]] = defaultdict(dict)
     for row in rows:
+        check_kind(row, ResultRow, "a row of results", _RUN)
         of_object = by_object[row.scene_id, row.obj_id]
         if row.im_id in of_object:
             raise SequenceError(

@@ -91,6 +91,11 @@ class VisibleSamples:
     outline: np.ndarray
     weights: np.ndarray
 
+    def __post_init__(self) -> None:
+        # As compiled loops take them, whatever a generator of one's own gives.
+        for name, kind in (("ids", np.int64), ("outline", np.bool_), ("weights", np.float64)):
+            object.__setattr__(self, name, np.require(getattr(self, name), kind, ("C", "W")))
+
 
 class RigidGenerator(Protocol):
     """A t(I) that chooses visible samples of a rigid part.
@@ -117,8 +122,7 @@ def project_samples(
 ) -> GeneratedEdges:
     """The edge points of visible samples at a pose (4, 4) in the image of `camera`."""
     points, tangents = np.empty((2, len(visible.ids), 2))
-    ids = np.ascontiguousarray(visible.ids, np.int64)
-    _project(edges.points_obj, edges.tangents_obj, ids, plain(cam_T_obj), camera.numbers, points, tangents)
+    _project(edges.points_obj, edges.tangents_obj, visible.ids, plain(cam_T_obj), camera.numbers, points, tangents)
     return GeneratedEdges(points, tangents, visible.weights, visible.ids, visible.outline)
 
 

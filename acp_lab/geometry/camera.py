@@ -12,6 +12,7 @@ import json
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -61,19 +62,28 @@ class Camera:
     dist: tuple[float, ...] = _NO_DISTORTION
 
     def __post_init__(self) -> None:
+        try:
+            width, height = index(self.width), index(self.height)
+        except TypeError:
+            raise GeometryError(f"camera size {self.width!r} x {self.height!r}: give whole px, as 640, 480") from None
+        # Plain numbers, whatever they were read with: JSON takes no others.
+        object.__setattr__(self, "width", width)
+        object.__setattr__(self, "height", height)
         for name in ("fx", "fy", "cx", "cy"):
             # Whole numbers are typed by hand; compiled loops take no others than float64.
-            object.__setattr__(self, name, float(getattr(self, name)))
+            object.__setattr__(self, name, _in_px(getattr(self, name), name))
         if self.width < 1 or self.height < 1:
             raise GeometryError(f"camera size {self.width} x {self.height}: both must be at least 1 px")
         if not (math.isfinite(self.fx) and math.isfinite(self.fy) and self.fx > 0 and self.fy > 0):
             raise GeometryError(f"camera focal lengths fx={self.fx} fy={self.fy}: both must be above 0 px")
         if not (math.isfinite(self.cx) and math.isfinite(self.cy)):
             raise GeometryError(f"camera principal point cx={self.cx} cy={self.cy}: both must be finite")
-        if len(self.dist) != 5 or not all(math.isfinite(k) for k in self.dist):
-            raise GeometryError(f"camera distortion {list(self.dist)}: give five finite k1, k2, p1, p2, k3")
+        # OpenCV's own calibration returns them as (1, 5) or (5, 1).
+        flat = np.ravel(self.dist).tolist() if self.dist is not None else []
+        if len(flat) != 5 or not all(isinstance(k, int | float) and math.isfinite(k) for k in flat):
+            raise GeometryError(f"camera distortion {flat}: give five finite k1, k2, p1, p2, k3")
         # A plain tuple of floats keeps the camera hashable even when a list or an array was handed in.
-        object.__setattr__(self, "dist", tuple(float(k) for k in self.dist))
+        object.__setattr__(self, "dist", tuple(float(k) for k in flat))
 
     @classmethod
     def from_matrix(
@@ -92,7 +102,7 @@ class Camera:
                 f"camera matrix {k.tolist()}: must read [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], without skew"
             )
         fx, fy, cx, cy = float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
-        return cls(int(width), int(height), fx, fy, cx, cy, dist)
+        return cls(width, height, fx, fy, cx, cy, dist)
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, hfov_deg: float) -> Camera:
@@ -204,12 +214,12 @@ class Camera:
         return Camera(width, height, self.fx * across, self.fy * down, *centre)
 
     def project(self, points_cam: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of points (n, 3) in mm, camera frame; pinhole part only.
+        """Pixels (n, 2) of points (n, 3), or one (2,) of one point (3,), in mm, camera frame; pinhole part only.
 
         Points on or behind the camera's plane (z <= 0) have no image and become NaN, never a mirrored pixel.
         """
         points = np.asarray(points_cam, dtype=np.float64)
-        z = points[:, 2:]
+        z = points[..., 2:]
         # "not above" also catches NaN; the usual case, all in front, pays for one minimum.
         if z.size and not z.min() > 0.0:
             z = np.where(z > 0.0, z, np.nan)
@@ -217,10 +227,13 @@ class Camera:
         return pixels
 
     def rays(self, pixels: FloatArray) -> FloatArray:
-        """Viewing directions (n, 3) with z = 1, camera frame, of pixels (n, 2): times a depth, points."""
+        """Viewing directions (n, 3), or one (3,), with z = 1, camera frame, of pixels (n, 2) or one (2,).
+
+        Times a depth, points.
+        """
         points = np.asarray(pixels, dtype=np.float64)
-        rays = np.ones((points.shape[0], 3))
-        rays[:, :2] = (points - (self.cx, self.cy)) / (self.fx, self.fy)
+        rays = np.ones((*points.shape[:-1], 3))
+        rays[..., :2] = (points - (self.cx, self.cy)) / (self.fx, self.fy)
         return rays
 
 
@@ -235,7 +248,12 @@ class Undistorter:
         self.camera = camera
 
     def __call__(self, image: ByteImage) -> ByteImage:
-        """Undistorted image of the same shape, (h, w) or (h, w, 3); raises GeometryError for another size."""
+        """Undistorted image of the same shape, (h, w) or (h, w, 3), uint8.
+
+        Raises GeometryError for another size, and for other numbers than uint8, which would wrap round.
+        """
+        if image.dtype != np.uint8:
+            raise GeometryError(f"image is {image.dtype} {image.shape}: give uint8, 0 to 255; of 16 bits, image >> 8")
         if image.shape[:2] != (self.camera.height, self.camera.width):
             raise GeometryError(
                 f"image is {image.shape[1]} x {image.shape[0]} px but its camera is "
@@ -271,6 +289,13 @@ def _fold(dist: tuple[float, ...], farthest: float) -> float:
     squares = np.linspace(0.0, farthest, 4096)
     slopes = 1.0 + squares * (3.0 * k1 + squares * (5.0 * k2 + squares * 7.0 * k3))
     return float(squares[slopes <= 0.0].min(initial=math.inf))
+
+
+def _in_px(value: object, name: str) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise GeometryError(f"camera {name} is {value!r}: give a number of px") from None
 
 
 def check_plausible(camera: Camera, where: str) -> None:

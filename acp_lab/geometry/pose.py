@@ -26,15 +26,22 @@ _SMALL_RAD = 0.1
 def make_pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
     """Pose (4, 4) of a rotation (3, 3) and a translation (3,) in mm.
 
+    Raises GeometryError for other shapes: a rotation vector (3,) would make three equal rows.
+
     Example:
         >>> pose = make_pose(np.eye(3), np.array([0.0, 0.0, 400.0]))
         >>> pose[:3, 3]
         array([  0.,   0., 400.])
     """
+    if np.shape(rotation) != (3, 3) or np.size(translation) != 3:
+        raise GeometryError(
+            f"pose: rotation {np.shape(rotation)}, translation {np.shape(translation)}: give (3, 3) and (3,); the "
+            "rotation of a rotation vector (3,) is so3_exp(vector)"
+        )
     pose = np.zeros((4, 4))
     pose[3, 3] = 1.0
     pose[:3, :3] = rotation
-    pose[:3, 3] = translation
+    pose[:3, 3] = np.reshape(translation, 3)
     return pose
 
 

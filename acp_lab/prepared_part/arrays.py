@@ -65,6 +65,8 @@ def arrays_by_file(model: PreparedPart) -> dict[str, Mapping[str, np.ndarray]]:
 def load_part(folder: Path, header: Mapping[str, Any], mesh_path: Path | None) -> Part:
     """The CAD model; `mesh_path`: the file that it was prepared from, if known."""
     mesh = read_arrays(folder, header, "mesh")
+    for values in mesh.values():
+        values.flags.writeable = False
     return Part(
         name=header["name"],
         path=mesh_path,

@@ -45,7 +45,7 @@ Chosen by measuring on sequences with and without broken edges, see docs/benchma
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PreparedPart:
     """A part with everything that tracking needs.
 
@@ -80,6 +80,10 @@ class PreparedPart:
     options: Mapping[str, PrepareOptions] = field(default_factory=dict)
     cpu_s: Mapping[str, float] = field(default_factory=dict)
     folder: Path | None = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        generators = ", ".join(self.generator_names) or "none"
+        return f"PreparedPart({self.part!r}, generators: {generators}, {len(self.edges)} edge samples)"
 
     def took(self, stage: str, cpu_s: float) -> PreparedPart:
         """The same, some CPU seconds of a stage later."""

@@ -38,12 +38,14 @@ class Frame:
 
     def __post_init__(self) -> None:
         image, camera = self.image, self.camera
-        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-            kind = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+        if not isinstance(self.index, int | np.integer):
+            raise SequenceError(f"frame {self.index!r}: its index is no whole number: give one")
+        if not (self.time_s is None or isinstance(self.time_s, int | float | np.number)):
             raise SequenceError(
-                f"frame {self.index}: its image is {kind}: give RGB, uint8 (height, width, 3); grey three times: "
-                "np.dstack([grey] * 3)"
+                f"frame {self.index}: its time_s is a {type(self.time_s).__name__}: give seconds, or None"
             )
+        check_image(image, f"frame {self.index}: its image")
+        check_kind(camera, Camera, "camera", "acp.Camera.from_matrix(K, width, height), or Camera.from_json of a file")
         if image.shape[:2] != (camera.height, camera.width):
             raise SequenceError(
                 f"frame {self.index}: its image is {image.shape[1]} x {image.shape[0]} px but its camera "
@@ -58,6 +60,23 @@ class Frame:
     def to_keep(self) -> Frame:
         """The same with an image of its own: whoever gave this one may write the next image into its array."""
         return replace(self, image=self.image.copy())
+
+
+def check_image(image: object, what: str) -> None:
+    """SequenceError, beginning with `what`, for anything but an image of a frame: (h, w, 3) uint8 RGB."""
+    if not isinstance(image, np.ndarray):
+        raise SequenceError(f"{what} is {type(image).__name__}: give RGB, an array, uint8 (height, width, 3)")
+    if image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3:
+        return
+    if image.dtype == np.uint16:
+        fix = "; of 16 bits (image >> 8).astype(np.uint8)"
+    elif image.dtype != np.uint8:
+        fix = "; of 0 to 1 np.uint8(255.0 * image)"
+    elif image.ndim == 2:
+        fix = "; grey three times: np.dstack([grey] * 3)"
+    else:
+        fix = "; of RGBA image[..., :3]" if image.ndim == 3 and image.shape[2] == 4 else ""
+    raise SequenceError(f"{what} is {image.dtype} {image.shape}: give RGB, uint8 (height, width, 3){fix}")
 
 
 def check_frame(frame: object) -> None:

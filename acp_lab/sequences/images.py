@@ -12,7 +12,7 @@ import os
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
@@ -24,7 +24,7 @@ from acp_lab.errors import InputFileError, SequenceError, check_kind
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.input_file import check_regular
-from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.frame import Frame, UnreadableFrame, check_image
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, LARGEST_PIXELS, quiet_cv2, read_first, read_rgb
 from acp_lab.sequences.image_times import CameraClock, times_of
 from acp_lab.sequences.pixel_coding import PixelCoding
@@ -109,6 +109,27 @@ class _OwnImages(ABC):
         if (height, width) != (self.camera.width, self.camera.height):
             return ""
         return "; notes on how to turn a picture (EXIF) are not obeyed: calibrate on the pixels as they are stored"
+
+
+class ImagesInMemory(_OwnImages):
+    """Images (h, w, 3) uint8 RGB that a program has, or makes one after another: a list, an array, a generator.
+
+    A generator gives its images once, and how many nobody knows. Raises SequenceError while it is read, for what is no
+    such image; GeometryError for one that is not of the camera's size.
+    """
+
+    def __init__(self, images: Iterable[ByteImage], camera: Camera) -> None:
+        super().__init__("images", camera)
+        self._images = images
+        if isinstance(images, Sized):
+            self.frame_ids = tuple(range(len(images)))
+
+    def _read(self) -> Iterator[Frame | UnreadableFrame]:
+        for index, image in enumerate(self._images):
+            check_image(image, f"{self.name}: image {index}")
+            start = time.perf_counter()
+            straight = self._undistort(image)
+            yield Frame(index, straight, self.camera.pinhole(), None, time.perf_counter() - start)
 
 
 class ImageFolder(_OwnImages):
@@ -217,13 +238,21 @@ class CameraDevice(_OwnImages):
         raise SequenceError(f"{self.name}: stopped giving images: check its cable and start again")
 
 
-def open_images(path: str | Path, camera: Camera) -> ImageFolder | VideoFile | CameraDevice:
-    """The images of a folder, the frames of a video file, or a live camera by its number ("0").
+def open_images(
+    source: str | Path | int | Iterable[ByteImage], camera: Camera
+) -> ImageFolder | VideoFile | CameraDevice | ImagesInMemory:
+    """The images of a folder, the frames of a video file, or a live camera by its number ("0" or 0).
 
-    A file or folder of that name comes first. Errors as in the three classes.
+    Or images that a program has: a list, an array (n, h, w, 3), a generator. A file or folder of a name comes first.
+    Errors as in the four classes.
     """
     check_kind(camera, Camera, "camera", "acp.Camera.from_json('CAMERA.json')")
-    path = Path(path)
+    if isinstance(source, int):
+        return CameraDevice(source, camera)
+    if not isinstance(source, str | Path):
+        check_kind(source, Iterable, "source", "a folder, a video file, a camera's number, or a list of images")
+        return ImagesInMemory(source, camera)
+    path = Path(source)
     if path.is_dir():
         return ImageFolder(path, camera)
     number = _device_number(path)

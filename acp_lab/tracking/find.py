@@ -18,7 +18,7 @@ from acp_lab.detection.detector import Candidate, Detector, Look, judging
 from acp_lab.detection.edge_maps import RESIZE_WORK
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.work import Steps, finish
-from acp_lab.errors import check_kind
+from acp_lab.errors import ParameterError, check_kind
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
@@ -124,6 +124,8 @@ class Finder:
         prior: looks near a pose only. rival: (4, 4) a pose that competes with what is found, as it is.
         """
         check_frame(frame)
+        if not (isinstance(top, int) and top >= 1):
+            raise ParameterError(f"top = {top!r}: give how many hypotheses at most, 1 or more")
         return finish(self.search(frame, top, prior, rival=rival))
 
     def search(

@@ -32,7 +32,7 @@ refused; a setting that another part makes idle is not, such as `learning.offset
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 from acp_lab.control_points.coplanar_points import mid_section_points
@@ -116,6 +116,7 @@ class Method:
     states: StateConfig = field(default_factory=StateConfig)
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         searches = any(target.searches for target in self.targets)
         judges_matches = any(isinstance(target, NormalSearch) for target in self.targets[:1])
         learns_samples = isinstance(self.learning, SampleLearning)
@@ -212,6 +213,21 @@ class Method:
         for good, problem in checks:
             if not good:
                 raise TrackingError(f"method {self.name}: {problem}")
+
+    def _check_kinds(self) -> None:
+        for name in ("targets", "priors"):
+            if not isinstance(getattr(self, name), tuple):
+                raise TrackingError(f"method {self.name}: {name}: give a tuple of settings, such as (NormalSearch(),)")
+        for field_ in fields(self):
+            value = getattr(self, field_.name)
+            if field_.name in ("name", "summary", "control_points", "margin_px", "states"):
+                continue
+            for one in value if isinstance(value, tuple) else (value,):
+                if not hasattr(one, "kind"):
+                    raise TrackingError(
+                        f"method {self.name}: {field_.name} = {one!r:.40}: give its settings, such as those of "
+                        "acp.METHODS['acp'], or Off()"
+                    )
 
     @property
     def _regenerates(self) -> bool:

@@ -22,14 +22,17 @@ def for_size(settings: Settings, times: float) -> Settings:
     if times == 1.0:
         return settings
     in_mm = getattr(settings, "in_mm", {})
-    return replace(
-        settings, **{f.name: _scaled(getattr(settings, f.name), times, in_mm.get(f.name, 0)) for f in fields(settings)}
-    )
+    values = {f.name: getattr(settings, f.name) for f in fields(settings)}
+    scaled = {name: _scaled(value, times, in_mm.get(name, 0)) for name, value in values.items()}
+    changed = {name: value for name, value in scaled.items() if value is not values[name]}
+    # What holds no mm stays the very object: somebody's own may be more than its fields.
+    return replace(settings, **changed) if changed else settings
 
 
 def _scaled(value: Any, times: float, power: int) -> Any:
     if is_dataclass(value):
         return for_size(value, times)
     if isinstance(value, tuple):
-        return tuple(_scaled(one, times, power) for one in value)
+        scaled = tuple(_scaled(one, times, power) for one in value)
+        return value if all(new is old for new, old in zip(scaled, value, strict=True)) else scaled
     return times**power * value if power else value

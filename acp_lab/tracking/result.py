@@ -70,7 +70,7 @@ class TargetView:
     distance_map: Float32Array | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrackResult:
     """The pose of one part in one frame.
 
@@ -119,6 +119,14 @@ class TrackResult:
     target: TargetView | None = None
     sought: Sought | None = None
     exactness: float = 1.0
+
+    def __repr__(self) -> str:
+        x, y, z = self.cam_T_obj[:3, 3]
+        note = f", {self.note!r}" if self.note else ""
+        return (
+            f"TrackResult(frame {self.frame_id}, {self.state}, {self.quality_in_words}, "
+            f"t = [{x:.1f}, {y:.1f}, {z:.1f}] mm{note})"
+        )
 
     @property
     def right(self) -> float:

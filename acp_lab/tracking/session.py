@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 
 from acp_lab.cad.part import Part
-from acp_lab.errors import SequenceError, check_kind
+from acp_lab.errors import ParameterError, SequenceError, check_kind
 from acp_lab.geometry.arrays import FloatArray
-from acp_lab.sequences.frame import Frame, UnreadableFrame
+from acp_lab.sequences.frame import Frame, UnreadableFrame, check_frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.sequences.results_csv import ResultRow
 from acp_lab.tracking.observer import Observer, SessionInfo, TrackedObject
@@ -123,7 +123,7 @@ def track_sequence(
     """
     keeper = _Keeper(trackers)
     try:
-        follow_sequence(trackers, sequence, starts, (keeper, *observers), max_frames, method)
+        follow_sequence(trackers, sequence, starts, (keeper, *_checked(observers)), max_frames, method)
     except KeyboardInterrupt:
         if sequence.frame_ids or not keeper.has_results:
             raise
@@ -136,7 +136,7 @@ def track_sequence(
         {object_id: tuple(of_object) for object_id, of_object in keeper.results.items()},
         sequence,
         info,
-        {object_id: starts[object_id] for object_id in trackers},
+        {object_id: np.array(starts[object_id], np.float64) for object_id in trackers},
     )
 
 
@@ -161,7 +161,9 @@ def follow_sequence(
         SequenceError: no trackers, no frames, or the first one cannot be read.
         TrackingError: a part is not seen at its start pose.
     """
-    listening = tuple(observers)
+    listening = _checked(observers)
+    if not (max_frames is None or isinstance(max_frames, int)):
+        raise ParameterError(f"max_frames = {max_frames!r}: give a whole number, or None for all")
     if not trackers:
         raise SequenceError(f"{sequence.name}: there is no object to track; give a tracker for each")
     without = sorted(set(trackers) - set(starts))
@@ -181,6 +183,8 @@ def follow_sequence(
         for number, frame in enumerate(sequence.frames(max_frames)):
             if number == 0 and isinstance(frame, UnreadableFrame):
                 raise SequenceError(f"{frame.reason}: the first frame must be readable, tracking starts there")
+            if not isinstance(frame, UnreadableFrame):
+                check_frame(frame)
             of_frame = {
                 object_id: tracker.start(frame, starts[object_id])
                 if number == 0 and isinstance(frame, Frame)
@@ -217,6 +221,16 @@ class _Keeper:
 
     def on_end(self) -> None:
         pass
+
+
+def _checked(observers: Iterable[Observer]) -> tuple[Observer, ...]:
+    """ParameterError for a single one, and for what is none."""
+    check_kind(observers, Iterable, "observers", "a list, such as [acp.Replay('run.rrd')]")
+    listening = tuple(observers)
+    for observer in listening:
+        if not hasattr(observer, "on_frame"):
+            raise ParameterError(f"observers: a {type(observer).__name__} is none: give acp.Replay(...) and the like")
+    return listening
 
 
 def _session_info(

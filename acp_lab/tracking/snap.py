@@ -23,7 +23,7 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import check_pose, transform
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, check_frame
 from acp_lab.tracking.confidence import Confidence
 from acp_lab.tracking.find import Finder
 from acp_lab.tracking.frame_solver import FrameSolver
@@ -116,6 +116,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
         True
     """
     config = config or SnapConfig()
+    check_frame(frame)
     check_pose(cam_T_obj, f"{model.part.name}: the pose to start from")
     start = np.array(cam_T_obj, np.float64)
     # Nothing is learnt yet: in the first frame there is nothing to remember.

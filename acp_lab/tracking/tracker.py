@@ -80,6 +80,7 @@ class Tracker:
         self.model = model
         self.part = model.part
         self.method = method_named(method) if isinstance(method, str) else method
+        check_kind(self.method, Method, "method", f"one of acp.METHODS by its name, such as {ACP.name!r}, or a Method")
         self.solver = FrameSolver(model, self.method)
         self._pursuit = Pursuit(self.solver)
         self.records_steps = False
@@ -114,7 +115,7 @@ class Tracker:
     @property
     def control_points_obj(self) -> tuple[FloatArray, ...]:
         """(4, 3) mm per view region 0..5: the control points W."""
-        return self.solver.control_points_obj
+        return tuple(points.copy() for points in self.solver.control_points_obj)
 
     @property
     def start_was_trusted(self) -> bool:
@@ -123,13 +124,15 @@ class Tracker:
 
     @property
     def predicted(self) -> FloatArray:
-        """(4, 4) mm: the pose expected in the next frame; the last pose is `last`."""
-        return self._pursuit.predicted
+        """(4, 4) mm: the pose expected in the next frame; the last pose is `last`. TrackingError before `start`."""
+        self._check_started("predicted was asked")
+        return self._pursuit.predicted.copy()  # whoever gets it may change it
 
     @property
     def last(self) -> FloatArray:
-        """(4, 4) mm: the pose that the next frame is predicted from."""
-        return self._pursuit.last
+        """(4, 4) mm: the pose that the next frame is predicted from. TrackingError before `start`."""
+        self._check_started("last was asked")
+        return self._pursuit.last.copy()
 
     @property
     def readout(self) -> FloatArray | None:
@@ -215,8 +218,7 @@ class Tracker:
             TrackingError: `start` was not called.
             ParameterError: it is no frame, such as a bare image.
         """
-        if not self._started:
-            raise TrackingError(f"{self.part.name}: track was called before start; give the first frame to start")
+        self._check_started("track was called")
         if not isinstance(frame, UnreadableFrame):
             check_frame(frame)
         begin_s, clock = time.perf_counter(), Stopwatch()
@@ -308,8 +310,16 @@ class Tracker:
         """
         if isinstance(sequence, str | Path):
             raise SequenceError(f"{sequence}: is a path, no sequence: give acp.open_sequence or acp.open_images of it")
+        if not hasattr(sequence, "frames"):
+            raise SequenceError(
+                f"a {type(sequence).__name__} is no sequence: give acp.open_images(images, camera) of images in memory"
+            )
         check_pose(start, f"{self.part.name}: the start pose")  # before observers replace their files
         ids = sequence.object_ids or (1,)
+        if object_id is not None and object_id not in ids and (len(ids) > 1 or _has_truth(sequence)):
+            raise SequenceError(
+                f"{sequence.name}: the first frame does not show object {object_id}, but {', '.join(map(str, ids))}"
+            )
         if object_id is None and len(ids) > 1:
             raise SequenceError(
                 f"{sequence.name}: the first frame shows objects {', '.join(map(str, ids))}: say which is tracked, "
@@ -324,6 +334,8 @@ class Tracker:
         But for a part that `track` magnifies or makes smaller: here it is seen as it is, in px of the frame. None where
         the part is not in sight, see `crop_box`.
         """
+        check_frame(frame)
+        check_pose(prior, f"{self.part.name}: the pose to look from")
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         if self._tones is not None:
             frame = self._tones.preview(frame, self._middle_at(frame, prior))
@@ -334,6 +346,10 @@ class Tracker:
             return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
         finally:
             self.solver.glass = glass
+
+    def _check_started(self, what: str) -> None:
+        if not self._started:
+            raise TrackingError(f"{self.part.name}: {what} before start; give the first frame to start")
 
     def _forget(self) -> None:
         self.solver.forget()
@@ -544,4 +560,11 @@ class Tracker:
     def _project(self, camera: Camera | None, pose: FloatArray) -> FloatArray:
         if camera is None:
             return np.full((4, 2), np.nan)
-        return camera.project(transform(pose, self.control_points_obj[self._pursuit.region]))
+        return camera.project(transform(pose, self.solver.control_points_obj[self._pursuit.region]))
+
+
+def _has_truth(sequence: Sequence) -> bool:
+    try:
+        return bool(sequence.first_poses)
+    except SequenceError:
+        return False

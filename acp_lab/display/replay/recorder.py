@@ -77,6 +77,8 @@ class Replay:
         self._recording: Any = None
         self._images: ImageWriter | None = None
         self._log: RunLog | None = None
+        if not most_mb > 0.0:
+            raise ParameterError(f"most_mb = {most_mb!r}: give megabytes, above 0")
         self._budget = SizeBudget(1e6 * most_mb)
         self._frames, self._frames_in_all = 0, frames
         self._sent_before, self._sent_in_file = 0, -1
