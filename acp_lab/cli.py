@@ -455,6 +455,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt | typer.Abort) or interrupt.pressed():
                 return interrupt.tell()
+            if isinstance(error, SystemExit) and isinstance(error.__context__, OSError):
+                error = error.__context__  # click leaves like that where the reader of a pipe is gone
             if not isinstance(error, Exception):
                 raise
             return tell_failure(error)

@@ -18,6 +18,20 @@ from acp_lab.files import remove_leftovers
 from acp_lab.input_file import check_regular
 
 
+def check_no_writer(path: Path, what: str = "the file") -> None:
+    """InputFileError where another process writes `path` now: for those who will write several files, or none."""
+    lock = _lock_of(path)
+    if Path(lock.lock_file).exists():
+        with only_writer(path, what):
+            pass
+
+
+def _lock_of(path: Path) -> FileLock:
+    """Beside the file itself: several links to it may have names elsewhere."""
+    file = path.resolve()
+    return FileLock(file.with_name(f".{file.name}.lock"), blocking=False)
+
+
 @contextmanager
 def only_writer(path: Path, what: str = "the file") -> Iterator[None]:
     """Inside, no other process that asks here writes `path`, a file or a folder; its own folder is made.
@@ -32,7 +46,7 @@ def only_writer(path: Path, what: str = "the file") -> Iterator[None]:
     """
     if path.exists():
         check_regular(path, "choose another place", math.inf)
-    lock = FileLock(path.with_name(f".{path.name}.lock"), blocking=False)
+    lock = _lock_of(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 
@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from acp_lab.control_points.regression import RegressionConfig
 
 CHECKPOINT_SUFFIX = ".checkpoint.safetensors"
+LARGEST_EDGE_BREAK = 0.05
+"""Of the diameter: beyond that it is a slip of a unit, and no edge is where the CAD model says."""
 Progress = Callable[[str, int, int], None]
 
 
@@ -103,6 +105,11 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
     if trains and model.seed != options.seed:  # only the networks depend on it
         model = replace(model, seed=options.seed, networks=Trained(), cpu_s=_without(model.cpu_s, "networks"))
     if options.edge_break_mm is not None:
+        if options.edge_break_mm > LARGEST_EDGE_BREAK * part.diameter:
+            raise PreparationError(
+                f"{part.name}: --edge-break {options.edge_break_mm:g}: its edges cannot be broken by more than "
+                f"{LARGEST_EDGE_BREAK:g} of its diameter, {part.diameter:.1f} mm: give millimetres, such as 0.3"
+            )
         model = replace(model, edge_break_mm=options.edge_break_mm)
     model = replace(model, options={**model.options, options.generator: options})
 
@@ -155,17 +162,22 @@ class _Job:
         return None if progress is None else (lambda done, total: progress(stage, done, total))
 
 
-def _stored(part: Part, folder: Path, options: PrepareOptions) -> PreparedPart | None:
-    """What a folder holds of this very part; None to start anew."""
-    if not options.resume or not (folder / "part.json").exists():
-        return None
-    command = f"run: acp-lab prepare {quoted(part.path or 'MESH')} --out {quoted(folder.parent)}"
-    header = read_header(folder, command)
+def check_same_mesh(part: Part, folder: Path) -> Mapping[str, Any]:
+    """What part.json of a prepared part says; PreparationError where it was made from another mesh than this part."""
+    header = read_header(folder, f"run: acp-lab prepare {quoted(part.path or 'MESH')} --out {quoted(folder.parent)}")
     if header["mesh"]["sha256"] != part.sha256:
         raise PreparationError(
             f"{folder}: holds a part prepared from another mesh of the same name; "
             "give another --out to keep both, --no-resume to replace it, or rename the mesh"
         )
+    return header
+
+
+def _stored(part: Part, folder: Path, options: PrepareOptions) -> PreparedPart | None:
+    """What a folder holds of this very part; None to start anew."""
+    if not options.resume or not (folder / "part.json").exists():
+        return None
+    header = check_same_mesh(part, folder)
     if header["version"] == UNSEALED_VERSION:
         add_checksums(folder, header, FORMAT_VERSION)
     return replace(PreparedPart.load(folder, part.path), part=part)

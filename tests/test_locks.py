@@ -13,7 +13,7 @@ from filelock import FileLock
 
 from acp_lab.errors import InputFileError
 from acp_lab.files import write_whole
-from acp_lab.locks import only_writer
+from acp_lab.locks import check_no_writer, only_writer
 
 HOLDER = """
 import sys, time
@@ -50,6 +50,24 @@ def test_a_second_one_is_refused_in_one_line_and_may_come_later(tmp_path: Path) 
 def test_other_files_are_not_locked(tmp_path: Path) -> None:
     with only_writer(tmp_path / "a.csv"), only_writer(tmp_path / "b.csv"):
         pass
+
+
+def test_a_file_has_one_lock_whatever_links_lead_to_it(tmp_path: Path) -> None:
+    path, link = tmp_path / "a.csv", tmp_path / "elsewhere" / "b.csv"
+    path.write_bytes(b"rows")
+    link.parent.mkdir()
+    link.symlink_to(path)
+    with only_writer(path), pytest.raises(InputFileError, match=r"b\.csv: another acp-lab"), only_writer(link):
+        pass
+
+
+def test_whoever_will_write_later_may_ask_before(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.csv"
+    check_no_writer(path)
+    assert not path.parent.exists()
+    with only_writer(path), pytest.raises(InputFileError, match="another acp-lab is writing the replay"):
+        check_no_writer(path, "the replay")
+    check_no_writer(path)
 
 
 def test_an_error_inside_ends_the_lock(tmp_path: Path) -> None:

@@ -243,6 +243,11 @@ def test_networks_trained_otherwise_are_no_part_of_the_result(tmp_path: Path, mo
     assert "views=30" in header(tmp_path / "bracket")["generators"]["learned"]["training"]
 
 
+def test_an_edge_break_of_another_unit_is_refused() -> None:
+    with pytest.raises(PreparationError, match=r"bracket: --edge-break 50: .*diameter, \d+\.\d mm"):
+        prepare(bracket(), generator="templates", edge_break_mm=50.0)
+
+
 def test_the_edge_break_is_kept_until_another_is_given(tmp_path: Path) -> None:
     prepare(bracket(), generator="templates", edge_break_mm=0.4, out=tmp_path)
     assert prepare(bracket(), generator="templates", out=tmp_path).edge_break_mm == 0.4

@@ -129,7 +129,7 @@ class Part:
         vertices, faces = clean_mesh(raw.vertices, raw.faces, str(path), raw.unit_mm)
         diameter = largest_distance(vertices)
         if info is not None:
-            _check_against_info(diameter, info, path, unit)
+            check_against_info(diameter, info, path, unit)
             diameter = info.diameter
         _check_size(diameter, str(path), unit)
         symmetries = Symmetries.untold() if info is None else info.symmetries
@@ -347,7 +347,8 @@ def _check_size(diameter: float, where: str, unit: str = "mm") -> None:
         )
 
 
-def _check_against_info(diameter: float, info: PartInfo, path: Path, unit: str) -> None:
+def check_against_info(diameter: float, info: PartInfo, path: Path, unit: str = "mm") -> None:
+    """PartError where a mesh file's diameter, mm, is not what models_info.json tells; unit: that it was read in."""
     ratio = info.diameter / diameter
     source = info.source or "models_info"
     if unit != "mm" and abs(ratio - 1.0) > DIAMETER_TOLERANCE:

@@ -1,7 +1,7 @@
 """What commands say beside their results: one error line, warnings, notes, progress. All of it on stderr.
 
 A command that fails on bad input prints exactly one line, so notes (things worth knowing, such as which
-generator is in use) are held back until it has succeeded, unless somebody is watching a terminal. Warnings
+generator is in use) are held back until it has succeeded, unless somebody is watching a terminal. Most warnings
 are said at once.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TextIO
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_held: list[str] = []
+_held: list[tuple[str, str]] = []
 
 
 def watched() -> bool:
@@ -31,8 +31,9 @@ def debugging() -> bool:
 
 
 def say(kind: str, message: str) -> None:
-    """Print `kind: message` on stderr as exactly one line."""
-    print(f"{kind}: {one_line(message)}", file=sys.stderr, flush=True)
+    """Print `kind: message` on stderr as exactly one line; where that is closed, nowhere: stdout is for results."""
+    if sys.stderr is not None:
+        print(f"{kind}: {one_line(message)}", file=sys.stderr, flush=True)
 
 
 def warn(message: str) -> None:
@@ -42,16 +43,25 @@ def warn(message: str) -> None:
 
 def note(message: str) -> None:
     """Print a note now on a terminal, else when the command has succeeded."""
+    _say_or_hold("note", message)
+
+
+def warn_of_success(message: str) -> None:
+    """The same for a warning of something that may be why a command fails: then its error says so."""
+    _say_or_hold("warning", message)
+
+
+def _say_or_hold(kind: str, message: str) -> None:
     if watched():
-        say("note", message)
+        say(kind, message)
     else:
-        _held.append(message)
+        _held.append((kind, message))
 
 
 def release_notes() -> None:
     """Print what was held back."""
     while _held:
-        say("note", _held.pop(0))
+        say(*_held.pop(0))
 
 
 def drop_notes() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import select
 import sys
 import traceback
 from pathlib import Path
@@ -22,12 +23,12 @@ def tell_failure(error: Exception) -> int:
     if hasattr(error, "format_message"):  # bad usage, as typer words it
         console.say("error", f"{error.format_message().rstrip('. ')}: see {_help_of(error)}")
         return 2
-    if isinstance(error, OSError) and error.errno == errno.EPIPE:
+    if isinstance(error, OSError) and error.errno == errno.EPIPE and _nobody_reads():
         # Whoever read our output has seen enough; keep Python from complaining when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        return 0
     if isinstance(error, OSError) and error.strerror:
-        where = f"{error.filename}: " if error.filename else ""
+        where = f"{error.filename}: " if error.filename else "the output: "
         console.say("error", f"{where}{error.strerror}: check the path, its permissions and the disk")
         return 2
     frame = traceback.extract_tb(error.__traceback__)[-1]
@@ -37,6 +38,15 @@ def tell_failure(error: Exception) -> int:
         "(this is a fault of acp_lab: ACP_LAB_DEBUG=1 shows the whole trace)",
     )
     return 1
+
+
+def _nobody_reads() -> bool:
+    """Whether stdout is a pipe whose reader is gone; also where the system cannot tell."""
+    if not hasattr(select, "poll"):
+        return True
+    poll = select.poll()
+    poll.register(sys.stdout.fileno(), select.POLLOUT)
+    return any(happened & select.POLLERR for _, happened in poll.poll(0))
 
 
 def _help_of(error: Exception) -> str:

@@ -26,7 +26,7 @@ from acp_lab.commands import interrupt
 from acp_lab.commands.console import Progress, note, warn, watched
 from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import InputFileError, PreparationError
-from acp_lab.preparation import check_device, prepare
+from acp_lab.preparation import check_device, check_same_mesh, prepare
 from acp_lab.prepared_part import PrepareOptions, part_folder, read_header
 
 MAYBE_INCHES = 8.0
@@ -67,7 +67,10 @@ def prepare_parts(
     interrupt.check()
     parts = [read_part(mesh, unit, symmetries) for mesh in dict.fromkeys(meshes)]
     for part in parts:
-        _check_size_there(part, part_folder(out, part.name), options is None or options.resume)
+        folder, resume = part_folder(out, part.name), options is None or options.resume
+        _check_size_there(part, folder, resume)
+        if resume and (folder / "part.json").exists():
+            check_same_mesh(part, folder)
         check_has_edges(part)
     for part in parts:
         if unit == "mm" and part.diameter < MAYBE_INCHES:

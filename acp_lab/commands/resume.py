@@ -76,7 +76,8 @@ class Resumption:
         frames = "1 frame" if self.again == 1 else f"{self.again} frames"
         again = f"; tracks {frames} again in which not all objects were seen" if self.again else ""
         if self.im_id is None:
-            return f"--resume: scenes {', '.join(map(str, sorted(self.done)))} have their rows already{again}"
+            scenes = f"scene{'s'[: len(self.done) != 1]} {', '.join(map(str, sorted(self.done)))}"
+            return f"--resume: {scenes} {'has its' if len(self.done) == 1 else 'have their'} rows already{again}"
         return (
             f"--resume: goes on behind scene {self.scene_id}, image {self.im_id}, from its pose{again}; what the "
             "tracker had learnt before is not kept"

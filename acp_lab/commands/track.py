@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from acp_lab.sequences.protocol import Sequence
 
 DEFAULT_METHOD = "acp"
+_MOST_NOISE_MM = 1e4
+"""From that far off no part is found; beyond it a mistake."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +66,14 @@ class TrackOptions:
             raise AcpLabError(f"--config {self.config}: says the method already: leave --method {self.method} out")
         from acp_lab.tracking.method import method_named
 
-        method_named(self.method or DEFAULT_METHOD)
+        method_named(DEFAULT_METHOD if self.method is None else self.method)
+        if self.init == "":
+            raise AcpLabError("--init: is empty: give a file, gt or auto")
         for option, value in (("--init-noise-deg", self.noise_deg), ("--init-noise-mm", self.noise_mm)):
             if not math.isfinite(value):
                 raise AcpLabError(f"{option} {value}: give a finite number")
+        if self.noise_mm > _MOST_NOISE_MM:
+            raise AcpLabError(f"--init-noise-mm {self.noise_mm:g}: give at most {_MOST_NOISE_MM:g} mm")
         if self.noise_deg > 180.0:
             raise AcpLabError(f"--init-noise-deg {self.noise_deg:g}: give at most 180 degrees")
         if self.first_frame is not None and self.init in (None, "gt"):
@@ -117,6 +123,7 @@ class TrackOptions:
                 raise AcpLabError(f"--{name} {path}: {why}: leave it out")
 
     def _check_outputs(self) -> None:
+        from acp_lab.locks import check_no_writer
         from acp_lab.sequences.results_csv import check_results_place, run_info_path
 
         inputs = [Path(self.init)] if self.init not in (None, "gt", "auto") else []
@@ -142,6 +149,9 @@ class TrackOptions:
         check_results_place(self.out, "--out")
         if self.replay is not None:
             check_replaces_own(self.replay, b"RRF", "--replay", "a replay")
+            # Both before one of them is replaced.
+            check_no_writer(self.out, "the results")
+            check_no_writer(self.replay, "the replay")
 
 
 def _is_writable(path: Path) -> bool:
@@ -181,7 +191,7 @@ class PartShelf:
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
             loaded = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
             if loaded.lacks:
-                console.warn(
+                console.warn_of_success(
                     f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.mend_command}"
                 )
             self._loaded[mesh] = loaded
@@ -208,6 +218,7 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
         chosen = _chosen(options.objects, poses)
         if chosen:
             job = _job(options, sequence, _meshes(dataset, chosen), chosen, shelf)
+            _check_told_sizes(dataset, job)
             _check_in_sight(scene, job, options)
             jobs.append(job)
     _check_all_found(options.objects, starts)
@@ -357,6 +368,18 @@ def _check_all_found(objects: tuple[int, ...], starts: Iterable[Iterable[int]]) 
 
 def _meshes(dataset: BopDataset, objects: Iterable[int]) -> dict[int, Path]:
     return {object_id: dataset.part_path(object_id) for object_id in objects}
+
+
+def _check_told_sizes(dataset: BopDataset, job: SceneJob) -> None:
+    """PartError where models_info.json, if there is one, tells another diameter than the prepared part has."""
+    from acp_lab.cad.part import check_against_info
+
+    if not (dataset.root / "models" / "models_info.json").exists():
+        return  # its parts are tracked, but not scored
+    for object_id, model in job.models.items():
+        info = dataset.told(object_id)
+        if info is not None:
+            check_against_info(model.part.diameter, info, dataset.part_path(object_id))
 
 
 def _job(

@@ -225,7 +225,7 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
     """
     if not jobs:
         raise SequenceError("nothing to track: no scene shows a part that was asked for")
-    method = chosen_method(options.method or DEFAULT_METHOD, options.config)
+    method = chosen_method(DEFAULT_METHOD if options.method is None else options.method, options.config)
     parts = {model.part.name: model for job in jobs for model in job.models.values()}
     # Before files are replaced: a part may lack the generator that the method needs.
     generators = {name: Tracker(model, method).generator_name for name, model in parts.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -102,6 +103,8 @@ def read_header(folder: Path, fix: str) -> dict[str, Any]:
             names = ", ".join(sorted(str(below.parent) for below in folder.glob("*/part.json")))
             raise PreparationError(f"{folder}: is no part, it holds some: name one of them: {names}")
         raise PreparationError(f"{folder}: this part is not prepared; {fix}")
+    if not os.access(path, os.R_OK):
+        raise PreparationError(f"{path}: cannot be read: check its permissions")
     try:
         header = read_json_object(path, fix)
         known = header["format"] == "acp_lab.part"

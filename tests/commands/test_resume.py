@@ -131,7 +131,7 @@ def test_several_scenes_and_fewer_frames(capsys: pytest.CaptureFixture[str], par
     dataset = write_dataset(tmp_path / "two", scenes=(1, 7))
     words = ("--max-frames", "3")
     assert track(capsys, dataset, parts, tmp_path / "whole.csv", *words).status == 0
-    for rows, told in ((3 * PER_FRAME, "scenes 1 have"), (4 * PER_FRAME, "scene 7, image 0")):
+    for rows, told in ((3 * PER_FRAME, "scene 1 has its rows"), (4 * PER_FRAME, "scene 7, image 0")):
         out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", rows)
         outcome = track(capsys, dataset, parts, out, "--resume", *words)
         assert outcome.status == 0, outcome

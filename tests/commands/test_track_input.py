@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.locks import only_writer
 from acp_lab.sequences import write_pose
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
@@ -42,9 +43,30 @@ def test_empty_data_set(capsys: pytest.CaptureFixture[str], tmp_path: Path, part
     assert_one_error(track(capsys, tmp_path / "empty", parts, out), "empty")
 
 
+def test_a_replay_that_another_run_writes_costs_no_results(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path, tmp_path: Path
+) -> None:
+    with only_writer(tmp_path / "run.rrd"):
+        outcome = track(capsys, dataset, parts, out, "--replay", tmp_path / "run.rrd")
+    assert_one_error(outcome, "run.rrd", "another acp-lab is writing the replay")
+
+
+def test_a_diameter_that_the_data_set_tells_otherwise(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, out: Path
+) -> None:
+    def in_inches(infos: dict[str, dict[str, float]]) -> None:
+        infos["1"]["diameter"] /= 25.4
+
+    edit_json(dataset / "models" / "models_info.json", in_inches)
+    assert_one_error(track(capsys, dataset, parts, out), "models_info.json", "looks like inches")
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
+        (("--method", ""), ("no such method",)),
+        (("--init", ""), ("--init: is empty",)),
+        (("--init-noise-mm", "1e6"), ("--init-noise-mm 1e+06", "at most")),
         (("--scene", "9"), ("no scene 9", "1")),
         (("--object", "9"), ("object 9", "1, 4")),
         (("--split", "train"), ("train",)),
