@@ -7,6 +7,7 @@ Python's lock: trackers in several threads run side by side.
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable
 from functools import lru_cache
@@ -33,7 +34,10 @@ def kernel(*signatures: str, fastmath: frozenset[str] = frozenset()) -> Callable
             return cast("Function", decorate(function))
 
         try:
-            return made(cache=True)
+            done = made(cache=True)
+            if any(done.stats.cache_misses.values()):  # type: ignore[attr-defined]
+                _say_what_takes_so_long()
+            return done
         except RuntimeError as error:  # Numba's, where neither the package nor the user's folder can be written
             if "cannot cache" not in str(error):
                 raise
@@ -41,6 +45,13 @@ def kernel(*signatures: str, fastmath: frozenset[str] = frozenset()) -> Callable
             return made(cache=False)
 
     return compiled
+
+
+@lru_cache(maxsize=1)
+def _say_what_takes_so_long() -> None:
+    """Where somebody watches: a program that is silent for a minute seems to hang."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        warnings.warn("loops are compiled, once on this machine: a minute or less", UserWarning, stacklevel=2)
 
 
 @lru_cache(maxsize=1)

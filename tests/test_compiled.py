@@ -15,6 +15,7 @@ from acp_lab.compiled import kernel
 
 def test_where_nothing_can_be_written_kernels_are_compiled_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     njit = numba.njit
+    njit("f8(f8)")(lambda value: value)  # numba imports the rest of itself, before `njit` is another's
 
     def nowhere(*args: Any, cache: bool, **options: Any) -> Any:
         def decorate(function: Any) -> Any:
@@ -35,3 +36,19 @@ def test_where_nothing_can_be_written_kernels_are_compiled_and_it_is_said(monkey
     assert len(told) == 1
     assert Path(told[0].filename).is_relative_to(Path(compiled.__file__).parent)  # which notes are made of
     assert functions[1](np.array([2.0])) == 4.0
+
+
+@pytest.mark.parametrize("watched", [True, False])
+def test_who_watches_is_told_once_why_the_first_start_takes_so_long(
+    watched: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: watched)
+    compiled._say_what_takes_so_long.cache_clear()
+    source = tmp_path / "mine.py"
+    source.write_text("def doubled(values):\n    return 2.0 * values[0]\n")
+    said = ["loops are compiled, once on this machine: a minute or less"] if watched else []
+    for _ in range(2):  # the second time it is read from disk
+        names: dict[str, Any] = {"__name__": "mine"}
+        exec(compile(source.read_text(), str(source), "exec"), names)
+        assert kernel("f8(f8[::1])")(names["doubled"])(np.array([2.0])) == 4.0
+    assert [str(one.message) for one in recwarn.list] == said
