@@ -17,7 +17,7 @@ from acp_lab.cad.turning import likely_axes, telling_steps, turn_about
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import rotation_angle_deg
 
-_LEAST_FOLD, _MOST_FOLD = 3, 72
+_LEAST_FOLD, _MOST_FOLD = 3, 120
 _TOLERANCE = 0.006
 """Of the diameter: what tells such turns apart also moves the middle of the surface off the axis."""
 _ALIKE = 0.6
@@ -28,7 +28,8 @@ _LEAST_SHARE = 0.15
 _ODD_ANGLES = (1.0, 2.236, 0.6435)
 """rad; no number of equal parts fits into all three, so what they lay onto edges is round."""
 _SAMPLES, _FEW = 400, 60
-_SAME_DEG = 1.0
+_SAME_DEG, _SAME_AXIS = 1.0, 0.9994
+"""Turns and axes that differ by less, the latter by two degrees, are one."""
 
 
 def near_turns(part: Part, edges: EdgeSamples) -> FloatArray:
@@ -40,6 +41,8 @@ def near_turns(part: Part, edges: EdgeSamples) -> FloatArray:
     middle, axes = likely_axes(part)
     turns = list[FloatArray]()
     for axis in axes:
+        if any(abs(axis @ np.array(line)) > _SAME_AXIS for line, _ in part.symmetries.continuous):
+            continue  # any turn about it is a symmetry
         # What tells the turns apart moves the middle of the surface off the axis, but seldom what is outermost.
         for centre in (middle, _middle_of_rim(part, axis, middle)):
             equal = _equal_turns(creases, centre, axis, rows)
@@ -69,7 +72,8 @@ def _equal_turns(creases: Creases, centre: FloatArray, axis: FloatArray, rows: n
         if covered(step, told[:_FEW]) < _CLEARLY_LESS * _ALIKE:
             continue
         alike = covered(step, told)
-        if alike < _ALIKE or covered(0.5 * step, told) > _CLEARLY_LESS * alike:
+        # With more teeth than are asked for, two or three of them may pass for one.
+        if alike < _ALIKE or any(covered(step / parts, told) > _CLEARLY_LESS * alike for parts in (2, 3, 5)):
             continue
         middle = _centred(creases, centre, axis, fold, told)
         turns = [turn_about(middle, axis, step * k) for k in range(1, fold)]

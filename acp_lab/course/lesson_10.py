@@ -8,7 +8,7 @@ from acp_lab.course.answers import Hint, as_array, near
 from acp_lab.course.grader import exercise
 from acp_lab.course.workshop import sample_scene
 
-_FOCAL, _CENTRE_PX = 1e-3, 0.02
+_FOCAL, _CENTRE_PX = 1e-3, 0.1
 
 
 @exercise("10.1")
@@ -35,5 +35,5 @@ def half_the_pixels(answer: Any) -> str:
             raise Hint(f"{name}: measure from the picture's border, half a pixel before the centre of pixel 0.")
     return (
         "The distortion stays as it is, since it belongs to the lens. The quarter of a pixel is nothing you "
-        "would see; a focal length of the wrong size is, in every depth."
+        "would see; a wrong focal length you would, in every depth."
     )

@@ -41,18 +41,19 @@ def posterior_by_hand(answer: Any) -> str:
         windows = np.lib.stride_tricks.sliding_window_view(inside, WINDOW)
         if np.allclose(found, right, rtol=1e-6, atol=1e-12):
             continue
-        if np.allclose(found / max(found.sum(), 1e-300), right, rtol=1e-6, atol=1e-12):
+        share = found / max(found.sum(), 1e-300)
+        if np.allclose(share, right, rtol=1e-6, atol=1e-12):
             raise Hint("Right up to a factor: the twelve probabilities must add up to 1.")
-        if np.allclose(found, right[::-1], rtol=1e-6, atol=1e-12):
+        if np.allclose(share, right[::-1], rtol=1e-6, atol=1e-12):
             raise Hint("The order is turned round: the first place is the innermost one.")
         half = (STEP * windows).prod(1)
-        if np.allclose(found, half / half.sum(), rtol=1e-6, atol=1e-12):
+        if np.allclose(share, half / half.sum(), rtol=1e-6, atol=1e-12):
             raise Hint("A segment is the part's, or it is not: add the second case, (1 - step) times (1 - inside).")
         total = (STEP * windows + (1.0 - STEP) * (1.0 - windows)).sum(1)
-        if np.allclose(found, total / total.sum(), rtol=1e-6, atol=1e-12):
+        if np.allclose(share, total / total.sum(), rtol=1e-6, atol=1e-12):
             raise Hint("All eight segments of a window must be as they are: multiply them, do not add.")
         raise Hint("For place d look at inside[d : d + 8]: how probable is it, segment by segment, given the step?")
-    return "That is all that a line knows. A tracker adds up the logarithms of some two hundred of them."
+    return "That is all that a line knows. A tracker adds up the logarithms of up to two hundred of them."
 
 
 @exercise("13.2")

@@ -198,6 +198,8 @@ class Tracker:
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
             score = (again or solution).score
         self._pursuit.begin(solution, score)
+        if self._turn_checker is not None:
+            self._turn_checker.begin(frame, solution, clock)
         quality = self._assessment.quality(solution)
         note = self._whereabouts.begin(solution.cam_T_obj, quality)
         if not isinstance(self.method.way_back, Off) and self.model.views is not None:
@@ -232,6 +234,8 @@ class Tracker:
         if isinstance(frame, UnreadableFrame):
             if self._camera is not None:
                 self._camera.miss()
+            if self._turn_checker is not None:
+                self._turn_checker.interrupt()
             predicted = self.predicted
             pursuit.predictor.coast()
             note = "; ".join(filter(None, (frame.reason, whereabouts.miss())))
@@ -251,9 +255,11 @@ class Tracker:
             if not whereabouts.is_looked_for:
                 solution = pursuit.recover(frame, predicted, solution, clock, whereabouts.states)
             other = self._elsewhere(frame, solution, clock)
-            if other is None:
-                turned = self._turned(frame, solution, clock)
-            solution = other or (turned.solution if turned else solution)
+            solution = other or solution
+        asks = not (proposals or other is not None or whereabouts.is_looked_for)
+        if not comes_again:  # the same picture says nothing new
+            turned = self._turned(frame, solution if asks else None, clock)
+        solution = solution if turned is None else turned.solution
         if whereabouts.is_looked_for and whereabouts.is_another(frame, solution, bool(proposals), pursuit.solve, clock):
             pursuit.turn_back(whereabouts.last_seen)
             solution = None
@@ -290,8 +296,9 @@ class Tracker:
         if turned is not None:
             note = "; ".join(filter(None, ("turned: only there the edges that tell are found", note)))
         # Where the region was chosen at.
-        at = predicted if other is None and not proposals else solution.cam_T_obj
-        return self._result(frame, predicted, solution, quality, clock, begin_s, self._unprepared(at) or note)
+        at = predicted if other is None and turned is None and not proposals else solution.cam_T_obj
+        note = "; ".join(filter(None, (self._unprepared(at), note)))
+        return self._result(frame, predicted, solution, quality, clock, begin_s, note)
 
     def run(
         self,
@@ -438,10 +445,17 @@ class Tracker:
         return best
 
     def _turned(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Turned | None:
-        """A frame solved at another turn of a part that looks nearly the same there; None where its solution stays."""
-        if self._turn_checker is None or solution is None or self._whereabouts.is_looked_for:
+        """A frame solved at another turn of a part that looks nearly the same there; None where its solution stays.
+
+        solution: None where it is not asked.
+        """
+        checker = self._turn_checker
+        if checker is None:
             return None
-        turned = self._turn_checker.other(frame, solution, clock)
+        if solution is None:
+            checker.interrupt()
+            return None
+        turned = checker.other(frame, solution, clock)
         if turned is not None:
             self._pursuit.region = turned.solution.estimate.view.region
         return turned

@@ -12,24 +12,34 @@ from acp_lab.errors import TrackingError
 class TurnCheck:
     """Configuration.
 
+    Of two poses each has edges that the other lacks. How well they are found is told as a share of how well those are
+    found that both have. A gain is how much better those of the turned pose are found than those of the other; the
+    evidence is the gain times the square root of how many edge points tell (their harmonic mean).
+
     Attributes:
-        tried_from: from this gain on a turn is worth solving the frame from there. A gain is how much more is found, as
-            a share of them, of the edges that only the turned pose has than of those that only the other has.
-        evidence: gain times the square root of how many edge points tell (their harmonic mean), from which on the
-            turned pose, solved, replaces the other where the part may have moved so, from a frame that was right.
+        motion_from, leap_from: from this gain on a turn is worth solving the frame from there, where the part may have
+            moved so, and where it may not.
+        found, missed: how well the edges that only the turned pose has must be found, once the frame is solved from
+            there, and those that only the other has may be, for it to replace the other.
+        evidence: how much there must be of it.
         may_move: so many times the innovation of the other it may take, see `PoseKalman.innovation_of`, or so much.
-        leap_evidence: the same, added up over frames in a row, where it was turned all along for all that is known.
+        leap_evidence: how much there must be, added up over frames in a row, where the part cannot have moved so.
     """
 
     kind: ClassVar[str] = "edges-apart"
-    tried_from: float = -0.1
-    evidence: float = 1.0
+    motion_from: float = -0.2
+    leap_from: float = 0.2
+    found: float = 0.7
+    missed: float = 0.4
+    evidence: float = 1.5
     may_move: float = 5.0
-    leap_evidence: float = 4.0
+    leap_evidence: float = 6.0
 
     def __post_init__(self) -> None:
-        if not -1.0 <= self.tried_from <= 1.0:
-            raise TrackingError(f"turns.tried_from = {self.tried_from:g}: give -1 to 1")
-        for name, least in (("evidence", 0.0), ("may_move", 1.0), ("leap_evidence", 0.0)):
-            if not least <= getattr(self, name) < float("inf"):
-                raise TrackingError(f"turns.{name} = {getattr(self, name):g}: give {least:g} or more")
+        for name in ("motion_from", "leap_from"):
+            if not -1.0 <= getattr(self, name) <= 1.0:
+                raise TrackingError(f"turns.{name} = {getattr(self, name):g}: give -1 to 1")
+        least = {"found": 0.0, "missed": 0.0, "evidence": 0.0, "may_move": 1.0, "leap_evidence": 0.0}
+        for name, limit in least.items():
+            if not limit <= getattr(self, name) < float("inf"):
+                raise TrackingError(f"turns.{name} = {getattr(self, name):g}: give {limit:g} or more")

@@ -4,8 +4,9 @@ A wheel that turns by more than half a tooth from one frame to the next seems to
 tooth off nearly all of its edges are found, and neither quality nor exactness tells. What tells is the few edges that
 only one of two poses has: a keyway, a flat, one hole that is other than the rest. So a solved frame is looked at at the
 part's near turns, too (`cad.near_turns`): at the smallest two where the part may have moved so, and at one of all, in
-turn. Where more is found of what only that pose shows than of what only this one does, the frame is solved from there,
-and compared again. (Not in the paper.)
+turn. Where what only that pose shows is found as well as all else, and what only this one does is not, the frame is
+solved from there, and compared again. A hand that covers the keyway makes this pose's edges missing, but none found at
+another. (Not in the paper.)
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from acp_lab.compiled import kernel
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import LOOK_LEVEL
@@ -29,10 +31,12 @@ _NEAREST = 2
 """The smallest turns, one to each side: those that a frame may have taken unseen."""
 _IN_DOUBT = 4
 """So many others are looked at in a frame, instead of one, as long as nothing says that the last one was right."""
+_USUAL = 300
+"""Edge points that both poses have, which are asked how well edges are found."""
 _REACH_PX = 4
 _DIRECTIONS = 16
 """In half a round; edges that differ by less than two of them may be the same."""
-_NOTHING = -math.inf, -math.inf
+_TINY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,78 +58,137 @@ class TurnChecker:
         self.forget()
 
     def forget(self) -> None:
-        """A new track, whose start is taken for right."""
-        self._is_sure, self._next = True, 0
+        """A new track."""
+        self._next = 0
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """A frame that is not asked: no row of them goes on, and whether the next one was right before is unknown."""
+        self._is_sure = False
         # The turn that no motion explains but what is found does, and how much says so by now.
         self._suspected, self._evidence = -1, 0.0
+
+    def begin(self, frame: Frame, solution: Solution, clock: Stopwatch) -> None:
+        """A first frame, whose pose stays: whether that is surely right."""
+        asked = self._ask(frame, solution, clock)
+        if asked is not None:
+            self._is_sure = self._seems_right([asked.compare(turn) for turn in range(min(_NEAREST, len(self._turns)))])
 
     def other(self, frame: Frame, solution: Solution, clock: Stopwatch) -> Turned | None:
         """What replaces a frame's solution; None where that is right, or nothing tells."""
         config, pursuit, pose = self._config, self._pursuit, solution.cam_T_obj
-        suspected, was_sure, self._suspected, self._is_sure = self._suspected, self._is_sure, -1, False
-        seen, innovation_of = pursuit.look(frame, pose, clock), pursuit.predictor.innovation_of
-        here = None if seen is None else self._drawn(seen, pose, clock)
-        if seen is None or here is None:
+        suspected, was_sure, evidence = self._suspected, self._is_sure, self._evidence
+        self.interrupt()
+        innovation_of, asked = pursuit.predictor.innovation_of, self._ask(frame, solution, clock)
+        if asked is None:
             return None
         most = config.may_move * max(innovation_of(pose), 1.0)
-        tried = [turn for turn in range(min(_NEAREST, len(self._turns))) if innovation_of(self._at(pose, turn)) <= most]
-        tried += [suspected] if suspected >= 0 else self._next_of_all(1 if was_sure else _IN_DOUBT)
-        gains = {turn: self._gain(seen, self._at(pose, turn), here, clock)[0] for turn in tried}
-        best = max(gains, key=lambda turn: gains[turn])
-        if not gains[best] > config.tried_from:
-            self._is_sure = gains[best] > -math.inf
+        motions = [turn for turn in range(min(_NEAREST, len(self._turns))) if innovation_of(asked.at(turn)) <= most]
+        others = [suspected] if suspected >= 0 else self._next_of_all(1 if was_sure else _IN_DOUBT)
+        told = {turn: asked.compare(turn) for turn in dict.fromkeys((*motions, *others))}
+        best = max(told, key=lambda turn: told[turn].gain)
+        if told[best].gain < (config.motion_from if best in motions else config.leap_from):
+            self._is_sure = self._seems_right(list(told.values()))
             return None
-        solved = pursuit.solve(frame, self._at(pose, best), clock)
-        evidence = 0.0 if solved is None else self._gain(seen, solved.cam_T_obj, here, clock)[1]
-        if solved is None or evidence < config.evidence:
+        solved = pursuit.solve(frame, asked.at(best), clock)
+        there = NOTHING if solved is None else asked.compare_pose(solved.cam_T_obj)
+        if solved is None or not (there.found >= config.found and there.missed <= config.missed):
             return None
-        if was_sure and innovation_of(solved.cam_T_obj) <= most:
+        if there.evidence >= config.evidence and innovation_of(solved.cam_T_obj) <= most:
             self._is_sure = True
-            return Turned(solved, is_leap=False)
-        self._evidence = evidence + (self._evidence if best == suspected else 0.0)
-        if self._evidence < config.leap_evidence:
-            self._suspected = best
+            return Turned(solved, is_leap=not was_sure)
+        evidence = there.evidence + (evidence if best == suspected else 0.0)
+        if evidence < config.leap_evidence:
+            self._suspected, self._evidence = best, evidence
             return None
+        self._is_sure = True
         return Turned(solved, is_leap=True)
 
-    def _at(self, cam_T_obj: FloatArray, turn: int) -> FloatArray:
-        """A pose (4, 4) after a turn of the part."""
-        return np.asarray(cam_T_obj @ self._turns[turn])
+    def _seems_right(self, told: list[Compared]) -> bool:
+        """Whether what only a frame's own pose shows is found: of two wrong poses one is better, too."""
+        return any(one.missed >= self._config.found and one.found <= self._config.missed for one in told)
 
     def _next_of_all(self, count: int) -> list[int]:
         count = min(count, len(self._turns))
         self._next += count
         return [turn % len(self._turns) for turn in range(self._next - count, self._next)]
 
-    def _drawn(self, seen: SeenFrame, cam_T_obj: FloatArray, clock: Stopwatch) -> _Drawn | None:
-        """The edges of a pose (4, 4); None where too few show."""
-        solver, at = self._pursuit.solver, seen.view.at_pose(cam_T_obj)
-        edges = solver.edges_at(at, LOOK_LEVEL.samples, clock)
-        return None if edges is None else _Drawn(cam_T_obj, edges)
-
-    def _gain(self, seen: SeenFrame, cam_T_obj: FloatArray, here: _Drawn, clock: Stopwatch) -> tuple[float, float]:
-        """Gain and evidence of a pose (4, 4), see `TurnCheck`; both -infinity where nothing tells."""
-        there = self._drawn(seen, cam_T_obj, clock)
-        if there is None:
-            return _NOTHING
-        only_there, only_here = apart(there.edges, here.edges), apart(here.edges, there.edges)
-        telling = np.count_nonzero(only_there), np.count_nonzero(only_here)
-        if not all(telling):
-            return _NOTHING
-        found, missed = (
-            self._pursuit.solver.found(seen, one.edges.take(only), seen.view.at_pose(one.cam_T_obj), LOOK_LEVEL)
-            for one, only in ((there, only_there), (here, only_here))
+    def _ask(self, frame: Frame, solution: Solution, clock: Stopwatch) -> _Asked | None:
+        pose = solution.cam_T_obj
+        seen = self._pursuit.look(frame, pose, clock)
+        edges = None if seen is None else _drawn(self._pursuit.solver, seen, pose, clock)
+        return (
+            None
+            if seen is None or edges is None
+            else _Asked(self._pursuit.solver, seen, pose, edges, self._turns, clock)
         )
-        clock.search_s += clock.lap()
-        return found - missed, (found - missed) * math.sqrt(2.0 / (1.0 / telling[0] + 1.0 / telling[1]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Drawn:
-    """The edges of a pose (4, 4)."""
+@dataclass(frozen=True)
+class Compared:
+    """What two poses have apart: how well what only the turned one shows is found, and what only the other does.
 
-    cam_T_obj: FloatArray
-    edges: GeneratedEdges
+    As shares of how well the edges are found that both have; count: edge points that tell.
+    """
+
+    found: float
+    missed: float
+    count: float
+
+    @property
+    def gain(self) -> float:
+        """See `TurnCheck`."""
+        return self.found - self.missed
+
+    @property
+    def evidence(self) -> float:
+        """See `TurnCheck`."""
+        return self.gain * math.sqrt(self.count)
+
+
+NOTHING = Compared(0.0, 1.0, 0.0)
+"""Where nothing tells."""
+
+
+class _Asked:
+    """A frame that was solved for a pose (4, 4), with edges, and is asked about others."""
+
+    def __init__(
+        self, solver: FrameSolver, seen: SeenFrame, pose: FloatArray, edges: GeneratedEdges, turns: FloatArray,
+        clock: Stopwatch,
+    ) -> None:  # fmt: skip
+        self._solver, self._seen, self._pose, self._edges = solver, seen, pose, edges
+        self._turns, self._clock = turns, clock
+
+    def at(self, turn: int) -> FloatArray:
+        """The pose (4, 4) after a turn of the part."""
+        return np.asarray(self._pose @ self._turns[turn])
+
+    def compare(self, turn: int) -> Compared:
+        """The pose after a turn with the frame's own."""
+        return self.compare_pose(self.at(turn))
+
+    def compare_pose(self, cam_T_obj: FloatArray) -> Compared:
+        """Another pose (4, 4) with the frame's own."""
+        edges = _drawn(self._solver, self._seen, cam_T_obj, self._clock)
+        if edges is None:
+            return NOTHING
+        only_there, only_here = apart(edges, self._edges), apart(self._edges, edges)
+        there, here, both = (np.flatnonzero(rows) for rows in (only_there, only_here, ~only_here))
+        if not (len(there) and len(here) and len(both)):
+            return NOTHING
+        usual = max(self._found(self._edges, both[:: len(both) // _USUAL + 1], self._pose), _TINY)
+        found, missed = self._found(edges, there, cam_T_obj), self._found(self._edges, here, self._pose)
+        self._clock.search_s += self._clock.lap()
+        return Compared(found / usual, missed / usual, 2.0 / (1.0 / len(there) + 1.0 / len(here)))
+
+    def _found(self, edges: GeneratedEdges, rows: IntArray, cam_T_obj: FloatArray) -> float:
+        return self._solver.found(self._seen, edges.take(rows), self._seen.view.at_pose(cam_T_obj), LOOK_LEVEL)
+
+
+def _drawn(solver: FrameSolver, seen: SeenFrame, cam_T_obj: FloatArray, clock: Stopwatch) -> GeneratedEdges | None:
+    """The edges of a pose (4, 4); None where too few show."""
+    return solver.edges_at(seen.view.at_pose(cam_T_obj), LOOK_LEVEL.samples, clock)
 
 
 def apart(edges: GeneratedEdges, others: GeneratedEdges) -> BoolArray:

@@ -10,6 +10,7 @@ import trimesh
 
 from acp_lab.cad.creases import Creases
 from acp_lab.cad.edges import sample_edges
+from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.near_turns import near_turns
 from acp_lab.cad.part import Part
 from acp_lab.cad.symmetry import find_symmetries
@@ -32,7 +33,7 @@ def placed(part: Part, rotvec: tuple[float, float, float], shift: tuple[float, f
     return Part.from_mesh(part.vertices @ so3_exp(np.array(rotvec)).T + shift, part.faces, part.name)
 
 
-@pytest.mark.parametrize("teeth", [5, 12, 31, 66])
+@pytest.mark.parametrize("teeth", [5, 12, 31, 66, 90])
 def test_a_keyed_wheel_has_a_turn_for_each_tooth(teeth: int) -> None:
     turns = turns_of(placed(wheel(teeth), (0.4, -1.1, 0.7), (30.0, -120.0, 7.0)))
     to_each_side = np.arange(1, teeth // 2 + 1).repeat(2)[: teeth - 1]
@@ -59,6 +60,17 @@ def test_symmetries_are_none() -> None:
     part = wheel(20, keyed=False)
     assert len(find_symmetries(part, sample_edges(part)).discrete) == 39  # turned over, too
     assert len(turns_of(part)) == 0
+
+
+def test_turns_about_a_line_that_is_told_to_be_a_symmetry_are_none() -> None:
+    part = wheel(24)
+    told = replace(part, symmetries=Symmetries(np.zeros((0, 4, 4)), (((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)),)))
+    assert len(near_turns(told, sample_edges(part))) == 0
+
+
+def test_more_teeth_than_are_asked_for_are_none_at_all() -> None:
+    """Three of 150 fit as well, but they are no smallest turn."""
+    assert len(turns_of(wheel(150))) == 0
 
 
 @pytest.mark.parametrize("part", [bracket(), cylinder(), open_box()], ids=["bracket", "cylinder", "open box"])

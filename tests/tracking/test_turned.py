@@ -15,14 +15,14 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, so3_exp
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
-from acp_lab.sequences.frame import Frame
+from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.method import ACP, ACP_PAPER, REGION, Method
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.tracker import Tracker
 from acp_lab.tracking.turn_check import TurnCheck
 from acp_lab.tracking.turned import apart
-from tests.made_parts import looking_at, wheel
+from tests.made_parts import box, looking_at, wheel
 from tests.tracking.rendered import AS_DRAWN, add_percent, draw, prepared
 
 LARGE = Camera(width=320, height=256, fx=520.0, fy=525.0, cx=159.5, cy=127.5)
@@ -82,6 +82,44 @@ def test_a_wheel_that_began_some_teeth_off_is_put_right(keyed: PreparedPart, tee
     assert min(without) > 5.0
 
 
+def test_a_hand_over_the_keyway_turns_nothing(keyed: PreparedPart) -> None:
+    """It makes edges missing that this pose alone shows, but those of another pose are not there either."""
+    pose, hand = spinning(keyed, 1, 0.0)[0], box((28.0, 36.0, 12.0))
+    tracker = Tracker(keyed, AS_DRAWN)
+    tracker.start(Frame(0, draw([(keyed.part, pose)], camera=LARGE), LARGE), pose)
+    for k in range(1, 17):
+        above = pose @ make_pose(np.eye(3), np.array([45.0 - 4.0 * k, 0.0, 20.0]))
+        result = tracker.track(Frame(k, draw([(keyed.part, pose), (hand, above)], k, LARGE), LARGE))
+        assert add_percent(keyed.part, result.cam_T_obj, pose) < 2.0
+        assert "turned" not in result.note
+
+
+def test_a_resting_wheel_that_is_put_right_is_not_set_spinning(keyed: PreparedPart) -> None:
+    truth = spinning(keyed, 8, 0.0)
+    errors, notes = follow(keyed, AS_DRAWN, truth, turned(truth[0], TOOTH))
+    assert max(errors[1:]) < 2.0
+    assert notes.count("turned") == 1
+
+
+def test_a_wheel_that_was_put_right_goes_on_as_it_moves(keyed: PreparedPart) -> None:
+    truth = spinning(keyed, 10, 0.7)
+    errors, notes = follow(keyed, AS_DRAWN, truth, turned(truth[0], 3 * TOOTH))
+    assert max(errors[3:]) < 2.0
+    assert notes.count("turned") <= 3
+
+
+def test_frames_that_show_nothing_end_a_row_of_suspicion(keyed: PreparedPart) -> None:
+    pose = spinning(keyed, 1, 0.0)[0]
+    tracker = Tracker(keyed, AS_DRAWN)
+    tracker.start(Frame(0, draw([(keyed.part, pose)], camera=LARGE), LARGE), pose)
+    checker = tracker._turn_checker
+    assert checker is not None
+    assert checker._is_sure
+    checker._suspected, checker._evidence = 5, 3.0
+    tracker.track(UnreadableFrame(1, LARGE, "torn"))
+    assert (checker._suspected, checker._evidence, checker._is_sure) == (-1, 0.0, False)
+
+
 def test_a_wheel_that_is_right_stays_so(keyed: PreparedPart) -> None:
     truth = spinning(keyed, 12, 0.3)
     errors, notes = follow(keyed, AS_DRAWN, truth, truth[0])
@@ -104,7 +142,15 @@ def test_only_the_best_method_asks() -> None:
 
 @pytest.mark.parametrize(
     "values",
-    [{"tried_from": -2.0}, {"evidence": float("nan")}, {"evidence": -0.1}, {"may_move": 0.5}, {"leap_evidence": -1.0}],
+    [
+        {"motion_from": -2.0},
+        {"leap_from": 2.0},
+        {"found": -0.1},
+        {"evidence": float("nan")},
+        {"evidence": -0.1},
+        {"may_move": 0.5},
+        {"leap_evidence": -1.0},
+    ],
 )
 def test_nonsense_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(TrackingError, match=r"turns\."):
