@@ -24,6 +24,9 @@ from acp_lab.errors import InputFileError, TrackingError
 from acp_lab.input_file import read_bytes
 from acp_lab.tracking.method import ACP_PAPER, METHODS, Method
 
+_LARGEST_WHOLE = 2**63
+"""What TOML promises; Python reads larger ones, which are no float."""
+
 
 def to_toml(method: Method) -> str:
     """The whole method as TOML."""
@@ -117,6 +120,8 @@ def _checked(value: Any, hint: Any, current: Any, where: str) -> Any:
         return tuple(_checked(item, items[0], None, where) for item in value)
     # bool is an int to Python, and 1 would do where true is meant.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number and isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
+        raise InputFileError(f"{where} is a number of about {int(value.bit_length() * 0.30103)} digits: give another")
     if hint is float and is_number:
         return float(value)
     if type(value) is hint:

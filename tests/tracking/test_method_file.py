@@ -179,6 +179,8 @@ def test_another_kind_starts_from_its_own_defaults_and_the_same_from_the_bases(t
         ("[schedule]\nshares = 1.0", ("schedule.shares", "list")),
         ("[schedule]\nshares = [1.0, 'a']", ("schedule.shares", "'a'", "a number")),
         ("base = 'acp'\n[learning.offsets]\ninner_limits = [1, 2, 3]", ("inner_limits", "2 numbers")),
+        ("[schedule]\nalpha = " + 400 * "9", ("schedule.alpha", "400 digits", "give another")),
+        ("[schedule]\nsamples = " + 400 * "9", ("schedule.samples", "400 digits", "give another")),
         # Tables, lists and their nesting.
         ("schedule = 3", ("schedule", "table [schedule]")),
         ("[[schedule]]\nalpha = 0.1", ("schedule", "table [schedule]")),
