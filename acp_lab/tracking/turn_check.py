@@ -21,7 +21,7 @@ class TurnCheck:
             moved so, and where it may not.
         found, missed: how well the edges that only the turned pose has must be found, once the frame is solved from
             there, and those that only the other has may be, for it to replace the other.
-        evidence: how much there must be of it.
+        evidence: how much there must be of it; all of it the other way round, and the frame was surely right.
         may_move: so many times the innovation of the other it may take, see `PoseKalman.innovation_of`, or so much.
         leap_evidence: how much there must be, added up over frames in a row, where the part cannot have moved so.
     """

@@ -72,7 +72,8 @@ class TurnChecker:
         """A first frame, whose pose stays: whether that is surely right."""
         asked = self._ask(frame, solution, clock)
         if asked is not None:
-            self._is_sure = self._seems_right([asked.compare(turn) for turn in range(min(_NEAREST, len(self._turns)))])
+            told = [asked.compare(turn) for turn in range(min(_NEAREST, len(self._turns)))]
+            self._is_sure = any(self._tells(one.swapped) for one in told)
 
     def other(self, frame: Frame, solution: Solution, clock: Stopwatch) -> Turned | None:
         """What replaces a frame's solution; None where that is right, or nothing tells."""
@@ -88,13 +89,13 @@ class TurnChecker:
         told = {turn: asked.compare(turn) for turn in dict.fromkeys((*motions, *others))}
         best = max(told, key=lambda turn: told[turn].gain)
         if told[best].gain < (config.motion_from if best in motions else config.leap_from):
-            self._is_sure = self._seems_right(list(told.values()))
+            self._is_sure = any(self._tells(one.swapped) for one in told.values())
             return None
         solved = pursuit.solve(frame, asked.at(best), clock)
         there = NOTHING if solved is None else asked.compare_pose(solved.cam_T_obj)
-        if solved is None or not (there.found >= config.found and there.missed <= config.missed):
+        if solved is None or not self._tells(there):
             return None
-        if there.evidence >= config.evidence and innovation_of(solved.cam_T_obj) <= most:
+        if innovation_of(solved.cam_T_obj) <= most:
             self._is_sure = True
             return Turned(solved, is_leap=not was_sure)
         evidence = there.evidence + (evidence if best == suspected else 0.0)
@@ -104,9 +105,10 @@ class TurnChecker:
         self._is_sure = True
         return Turned(solved, is_leap=True)
 
-    def _seems_right(self, told: list[Compared]) -> bool:
-        """Whether what only a frame's own pose shows is found: of two wrong poses one is better, too."""
-        return any(one.missed >= self._config.found and one.found <= self._config.missed for one in told)
+    def _tells(self, one: Compared) -> bool:
+        """Whether enough says that the turned pose is the right one: of two wrong poses one is better, too."""
+        config = self._config
+        return one.found >= config.found and one.missed <= config.missed and one.evidence >= config.evidence
 
     def _next_of_all(self, count: int) -> list[int]:
         count = min(count, len(self._turns))
@@ -117,11 +119,9 @@ class TurnChecker:
         pose = solution.cam_T_obj
         seen = self._pursuit.look(frame, pose, clock)
         edges = None if seen is None else _drawn(self._pursuit.solver, seen, pose, clock)
-        return (
-            None
-            if seen is None or edges is None
-            else _Asked(self._pursuit.solver, seen, pose, edges, self._turns, clock)
-        )
+        if seen is None or edges is None:
+            return None
+        return _Asked(self._pursuit.solver, seen, pose, edges, self._turns, clock)
 
 
 @dataclass(frozen=True)
@@ -134,6 +134,11 @@ class Compared:
     found: float
     missed: float
     count: float
+
+    @property
+    def swapped(self) -> Compared:
+        """What it says of the other pose."""
+        return Compared(self.missed, self.found, self.count)
 
     @property
     def gain(self) -> float:
@@ -150,19 +155,20 @@ NOTHING = Compared(0.0, 1.0, 0.0)
 """Where nothing tells."""
 
 
+@dataclass(frozen=True, eq=False)
 class _Asked:
-    """A frame that was solved for a pose (4, 4), with edges, and is asked about others."""
+    """A frame that was solved for a pose (4, 4), whose edges are these, and is asked about others."""
 
-    def __init__(
-        self, solver: FrameSolver, seen: SeenFrame, pose: FloatArray, edges: GeneratedEdges, turns: FloatArray,
-        clock: Stopwatch,
-    ) -> None:  # fmt: skip
-        self._solver, self._seen, self._pose, self._edges = solver, seen, pose, edges
-        self._turns, self._clock = turns, clock
+    solver: FrameSolver
+    seen: SeenFrame
+    pose: FloatArray
+    edges: GeneratedEdges
+    turns: FloatArray
+    clock: Stopwatch
 
     def at(self, turn: int) -> FloatArray:
         """The pose (4, 4) after a turn of the part."""
-        return np.asarray(self._pose @ self._turns[turn])
+        return np.asarray(self.pose @ self.turns[turn])
 
     def compare(self, turn: int) -> Compared:
         """The pose after a turn with the frame's own."""
@@ -170,20 +176,20 @@ class _Asked:
 
     def compare_pose(self, cam_T_obj: FloatArray) -> Compared:
         """Another pose (4, 4) with the frame's own."""
-        edges = _drawn(self._solver, self._seen, cam_T_obj, self._clock)
+        edges = _drawn(self.solver, self.seen, cam_T_obj, self.clock)
         if edges is None:
             return NOTHING
-        only_there, only_here = apart(edges, self._edges), apart(self._edges, edges)
+        only_there, only_here = apart(edges, self.edges), apart(self.edges, edges)
         there, here, both = (np.flatnonzero(rows) for rows in (only_there, only_here, ~only_here))
         if not (len(there) and len(here) and len(both)):
             return NOTHING
-        usual = max(self._found(self._edges, both[:: len(both) // _USUAL + 1], self._pose), _TINY)
-        found, missed = self._found(edges, there, cam_T_obj), self._found(self._edges, here, self._pose)
-        self._clock.search_s += self._clock.lap()
+        usual = max(self._found(self.edges, both[:: len(both) // _USUAL + 1], self.pose), _TINY)
+        found, missed = self._found(edges, there, cam_T_obj), self._found(self.edges, here, self.pose)
+        self.clock.search_s += self.clock.lap()
         return Compared(found / usual, missed / usual, 2.0 / (1.0 / len(there) + 1.0 / len(here)))
 
     def _found(self, edges: GeneratedEdges, rows: IntArray, cam_T_obj: FloatArray) -> float:
-        return self._solver.found(self._seen, edges.take(rows), self._seen.view.at_pose(cam_T_obj), LOOK_LEVEL)
+        return self.solver.found(self.seen, edges.take(rows), self.seen.view.at_pose(cam_T_obj), LOOK_LEVEL)
 
 
 def _drawn(solver: FrameSolver, seen: SeenFrame, cam_T_obj: FloatArray, clock: Stopwatch) -> GeneratedEdges | None:
