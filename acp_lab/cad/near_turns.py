@@ -13,7 +13,7 @@ import numpy as np
 from acp_lab.cad.creases import Creases
 from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.part import Part
-from acp_lab.cad.turning import likely_axes, telling_steps, turn_about
+from acp_lab.cad.turning import ODD_ANGLES, SAME_AXIS, likely_axes, telling_steps, turn_about
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import rotation_angle_deg
 
@@ -25,11 +25,9 @@ _ALIKE = 0.6
 _CLEARLY_LESS = 0.7
 _LEAST_SHARE = 0.15
 """Of all edges that are not round about an axis; with fewer nothing could be said."""
-_ODD_ANGLES = (1.0, 2.236, 0.6435)
-"""rad; no number of equal parts fits into all three, so what they lay onto edges is round."""
 _SAMPLES, _FEW = 400, 60
-_SAME_DEG, _SAME_AXIS = 1.0, 0.9994
-"""Turns and axes that differ by less, the latter by two degrees, are one."""
+_SAME_DEG = 1.0
+"""Turns that differ by less are one."""
 
 
 def near_turns(part: Part, edges: EdgeSamples) -> FloatArray:
@@ -41,7 +39,7 @@ def near_turns(part: Part, edges: EdgeSamples) -> FloatArray:
     middle, axes = likely_axes(part)
     turns = list[FloatArray]()
     for axis in axes:
-        if any(abs(axis @ np.array(line)) > _SAME_AXIS for line, _ in part.symmetries.continuous):
+        if any(abs(axis @ np.array(line)) > SAME_AXIS for line, _ in part.symmetries.continuous):
             continue  # any turn about it is a symmetry
         # What tells the turns apart moves the middle of the surface off the axis, but seldom what is outermost.
         for centre in (middle, _middle_of_rim(part, axis, middle)):
@@ -63,7 +61,7 @@ def _equal_turns(creases: Creases, centre: FloatArray, axis: FloatArray, rows: n
     def covered(angle: float, of: np.ndarray) -> float:
         return float(creases.covered(turn_about(centre, axis, angle), _TOLERANCE, of).mean())
 
-    odd = [creases.covered(turn_about(centre, axis, angle), _TOLERANCE, rows) for angle in _ODD_ANGLES]
+    odd = [creases.covered(turn_about(centre, axis, angle), _TOLERANCE, rows) for angle in ODD_ANGLES]
     told = rows[~np.all(odd, axis=0)]
     if len(told) < _LEAST_SHARE * len(rows):
         return []

@@ -16,7 +16,7 @@ from acp_lab.cad.edges import EdgeSamples
 from acp_lab.cad.models_info import Symmetries
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster, make_caster
-from acp_lab.cad.turning import likely_axes, telling_steps, turn_about
+from acp_lab.cad.turning import ODD_ANGLES, likely_axes, telling_steps, turn_about
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
 
@@ -27,8 +27,6 @@ _SURFACE_TOLERANCE, _SURFACE_OFF = 0.002, 0.005
 """Of the diameter; share of the surface that may lie on none."""
 _EDGE_TOLERANCE, _EDGES_OFF = 0.003, 0.004
 """The same for edges: a hole of a fiftieth of the diameter is more."""
-_ODD_ANGLES = (1.0, 2.236, 0.6435)
-"""rad; no number of equal parts fits into all three, so what they map to itself is round."""
 _SAMPLES, _FEW = 4000, 250
 _FACING = 0.85
 """Cosine between normals that look the same way: facets of what is round differ."""
@@ -52,7 +50,7 @@ def find_symmetries(part: Part, edges: EdgeSamples) -> Symmetries:
     The same part gives the same answer. Reference for what is sought: BOP's `models_info.json`.
     """
     search = _Search(part, edges, make_caster(part))
-    lines = [axis for axis in search.axes if all(search.matches(axis, angle) for angle in _ODD_ANGLES)]
+    lines = [axis for axis in search.axes if all(search.matches(axis, angle) for angle in ODD_ANGLES)]
     turns: list[FloatArray] = []
     if lines:  # what is about such a line is no news, and any half turn across it is as good as another
         turns = search.half_turns_across(lines[0], 1) if len(lines) == 1 else []

@@ -8,9 +8,11 @@ from acp_lab.cad.part import Part
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import make_pose, so3_exp
 
+ODD_ANGLES = (1.0, 2.236, 0.6435)
+"""rad; no number of equal parts fits into all three, so what they map to itself is round."""
+SAME_AXIS = 0.9994
+"""Cosine of two degrees: axes that differ by less are one."""
 _FACES = 4
-_SAME_AXIS = 0.9994
-"""Cosine of two degrees."""
 
 
 def likely_axes(part: Part) -> tuple[FloatArray, list[FloatArray]]:
@@ -28,7 +30,7 @@ def likely_axes(part: Part) -> tuple[FloatArray, list[FloatArray]]:
         scatter += weight * (area[:, None] * apart).T @ apart
     axes = list[FloatArray]()
     for axis in (*_across_largest_faces(part, area), *np.linalg.eigh(scatter)[1].T, *np.eye(3)):
-        if not any(abs(axis @ known) > _SAME_AXIS for known in axes):
+        if not any(abs(axis @ known) > SAME_AXIS for known in axes):
             axes.append(axis)
     return centre, axes
 

@@ -46,7 +46,7 @@ def note(message: str) -> None:
     _say_or_hold("note", message)
 
 
-def warn_of_success(message: str) -> None:
+def warn_on_success(message: str) -> None:
     """The same for a warning of something that may be why a command fails: then its error says so."""
     _say_or_hold("warning", message)
 

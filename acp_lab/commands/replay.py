@@ -83,7 +83,7 @@ def _read(replay: ReplayFile) -> ReplayContent:
 
     content = read_replay(replay)
     if content.loss:
-        console.warn_of_success(content.loss)
+        console.warn_on_success(content.loss)
     return content
 
 

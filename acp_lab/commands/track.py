@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -66,7 +67,7 @@ class TrackOptions:
             raise AcpLabError(f"--config {self.config}: says the method already: leave --method {self.method} out")
         from acp_lab.tracking.method import method_named
 
-        method_named(DEFAULT_METHOD if self.method is None else self.method)
+        method_named(self.method_name)
         if self.init == "":
             raise AcpLabError("--init: is empty: give a file, gt or auto")
         for option, value in (("--init-noise-deg", self.noise_deg), ("--init-noise-mm", self.noise_mm)):
@@ -105,6 +106,11 @@ class TrackOptions:
                 f"{self.replay}: --replay writes .rrd only: name it {self.replay.with_suffix('.rrd').name} (a film is "
                 "made of it by acp-lab replay --mp4)"
             )
+
+    @property
+    def method_name(self) -> str:
+        """The method's, also where none is named."""
+        return DEFAULT_METHOD if self.method is None else self.method
 
     def _check_video(self, video: Path) -> None:
         for option, value in (("--mesh", self.mesh), ("--camera", self.camera), ("--init", self.init)):
@@ -191,7 +197,7 @@ class PartShelf:
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
             loaded = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
             if loaded.lacks:
-                console.warn_of_success(
+                console.warn_on_success(
                     f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.mend_command}"
                 )
             self._loaded[mesh] = loaded
@@ -217,8 +223,7 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
     for scene, sequence, poses in zip(scenes, sequences, starts, strict=True):
         chosen = _chosen(options.objects, poses)
         if chosen:
-            job = _job(options, sequence, _meshes(dataset, chosen), chosen, shelf)
-            _check_told_sizes(dataset, job)
+            job = _job(options, sequence, _meshes(dataset, chosen, shelf), chosen, shelf)
             _check_in_sight(scene, job, options)
             jobs.append(job)
     _check_all_found(options.objects, starts)
@@ -290,7 +295,7 @@ def _found_jobs(
     jobs = list[SceneJob]()
     for scene in scenes:
         chosen = [i for i in wanted[scene.scene_id] if not options.objects or i in options.objects]
-        jobs += _job_found(options, scene, _meshes(dataset, chosen), shelf)
+        jobs += _job_found(options, scene, _meshes(dataset, chosen, shelf), shelf)
     return tuple(jobs)
 
 
@@ -366,20 +371,16 @@ def _check_all_found(objects: tuple[int, ...], starts: Iterable[Iterable[int]]) 
             raise SequenceError(f"--object {object_id}: no start pose for it in any first frame: there are {shown}")
 
 
-def _meshes(dataset: BopDataset, objects: Iterable[int]) -> dict[int, Path]:
-    return {object_id: dataset.part_path(object_id) for object_id in objects}
-
-
-def _check_told_sizes(dataset: BopDataset, job: SceneJob) -> None:
-    """PartError where models_info.json, if there is one, tells another diameter than the prepared part has."""
+def _meshes(dataset: BopDataset, objects: Iterable[int], shelf: PartShelf) -> dict[int, Path]:
+    """By object id; PartError where models_info.json tells another diameter than the prepared part has."""
     from acp_lab.cad.part import check_against_info
 
-    if not (dataset.root / "models" / "models_info.json").exists():
-        return  # its parts are tracked, but not scored
-    for object_id, model in job.models.items():
-        info = dataset.told(object_id)
-        if info is not None:
-            check_against_info(model.part.diameter, info, dataset.part_path(object_id))
+    meshes = {object_id: dataset.part_path(object_id) for object_id in objects}
+    if (dataset.root / "models" / "models_info.json").exists():  # without it parts are tracked, but not scored
+        for object_id, mesh in meshes.items():
+            with suppress(SequenceError):  # it leaves this one out
+                check_against_info(shelf.part(mesh).part.diameter, dataset.part_info(object_id), mesh)
+    return meshes
 
 
 def _job(

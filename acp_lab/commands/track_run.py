@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
 from acp_lab.commands.resume import Resumption, inputs_of, resumption
-from acp_lab.commands.track import DEFAULT_METHOD, SceneJob, TrackOptions, scene_jobs, start_source
+from acp_lab.commands.track import SceneJob, TrackOptions, scene_jobs, start_source
 from acp_lab.errors import SequenceError, TrackingError
 from acp_lab.machine import short_collections
 from acp_lab.pasted import quoted
@@ -225,7 +225,7 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
     """
     if not jobs:
         raise SequenceError("nothing to track: no scene shows a part that was asked for")
-    method = chosen_method(DEFAULT_METHOD if options.method is None else options.method, options.config)
+    method = chosen_method(options.method_name, options.config)
     parts = {model.part.name: model for job in jobs for model in job.models.values()}
     # Before files are replaced: a part may lack the generator that the method needs.
     generators = {name: Tracker(model, method).generator_name for name, model in parts.items()}

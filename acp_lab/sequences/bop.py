@@ -73,10 +73,6 @@ class BopDataset:
             raise SequenceError(f"{path}: no object {object_id}: it has {_listed('object', tuple(infos))}")
         return infos[object_id]
 
-    def told(self, object_id: int) -> PartInfo | None:
-        """The same, None for an object that is left out there; InputFileError where the file cannot be read."""
-        return self._infos.get(object_id)
-
     def part(self, object_id: int) -> Part:
         """The part of an object, from its mesh and what models_info.json says about it."""
         path = self.part_path(object_id)

@@ -236,19 +236,19 @@ class Tracker:
                 self._camera.miss()
             if self._turn_checker is not None:
                 self._turn_checker.interrupt()
-            predicted = self.predicted
+            predicted = pursuit.predicted
             pursuit.predictor.coast()
             note = "; ".join(filter(None, (frame.reason, whereabouts.miss())))
             return self._blind(frame, predicted, predicted, clock, begin_s, note)
         if comes_again := self._shown.is_again_in(frame):
             pursuit.predictor.repeat()
-        as_given, frame = frame, self._steady(frame, self.predicted, clock)
+        as_given, frame = frame, self._steady(frame, pursuit.predicted, clock)
         if not comes_again:
             self._follow_camera(frame, step, clock)
-        self.solver.magnify(frame.camera, self.predicted)
+        self.solver.magnify(frame.camera, pursuit.predicted)
         proposals, other, turned = whereabouts.proposals(frame, clock), None, None
         if proposals:
-            predicted, solution = self.predicted, pursuit.best_of(frame, proposals, clock)
+            predicted, solution = pursuit.predicted, pursuit.best_of(frame, proposals, clock)
             whereabouts.tried(solution)
         else:
             predicted, solution = pursuit.follow(frame, clock)
@@ -265,9 +265,9 @@ class Tracker:
             solution = None
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
-            pursuit.restart(self.last)
+            pursuit.restart(pursuit.last)
             note = whereabouts.miss() or "the part is not seen"
-            return self._blind(frame, predicted, self.last, clock, begin_s, note)
+            return self._blind(frame, predicted, pursuit.last, clock, begin_s, note)
         quality = self._assessment.quality(solution)
         note = whereabouts.take_in(frame, solution, quality, clock)
         if whereabouts.is_looked_for:
@@ -465,7 +465,10 @@ class Tracker:
         if self._camera is None:
             return
         clock.lap()
-        further, predictor = self._camera.acceleration(frame, self.predicted, step.of_last), self._pursuit.predictor
+        further, predictor = (
+            self._camera.acceleration(frame, self._pursuit.predicted, step.of_last),
+            self._pursuit.predictor,
+        )
         # A part that rests for all that is known may as well rest beside the camera.
         if isinstance(predictor, PoseKalman) and predictor.moves and further is not None:
             predictor.accelerate(further)

@@ -13,7 +13,7 @@ import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64, OpType
 
 from data_recipes.metal.machined_parts import turn_about_z
-from data_recipes.metal.solids import block, bore, fillet_inner, prism, profile, rod, slot
+from data_recipes.metal.solids import block, bore, fillet_inner, prism, profile, rod, slot, toothed
 
 Point = tuple[float, float, float]
 Solid = Callable[[Point], float]
@@ -99,7 +99,7 @@ def spanner() -> Manifold:
 
 def spur_gear() -> Manifold:
     """Group 3: a gear of 30 teeth with a hub, a keyway, a lightening hole larger than the other two and a recess."""
-    body = prism(_toothed(30, 37, 31.5), 14, (0, 0, -7)) + rod(15, 14, (0, 0, 6))
+    body = prism(toothed(30, 37, 31.5), 14, (0, 0, -7)) + rod(15, 14, (0, 0, 6))
     body -= bore(8, (0, 0, 0)) + block((-2.5, 0, -40), (2.5, 11, 40)) + (rod(28, 4, (0, 0, 4)) - rod(16, 9, (0, 0, 3)))
     for angle, radius in ((90, 4.5), (210, 3.2), (330, 3.2)):
         at = np.deg2rad(angle + 25)
@@ -109,7 +109,7 @@ def spur_gear() -> Manifold:
 
 def helical_pinion() -> Manifold:
     """Group 3: a shaft with slanting teeth cut on it, a flat, a shoulder and a threaded end."""
-    teeth = _toothed(16, 20, 15.5).extrude(34, 24, 50).translate((0, 0, -10))
+    teeth = toothed(16, 20, 15.5).extrude(34, 24, 50).translate((0, 0, -10))
     body = teeth + rod(10, 100, (0, 0, -50), segments=48) + rod(14, 7, (0, 0, 26), "z", 1)
     body += _threaded(7.5, 22, 3, (0, 0, 46))
     return body - block((5.5, -20, -60), (30, 20, -28)) - bore(2, (0, 0, 40), "x", 60, 20)
@@ -141,7 +141,7 @@ def torsion_spring() -> Manifold:
 
 def knurled_knob() -> Manifold:
     """Group 3: a knob with a straight knurl of 48 ribs, a collar with a pointer, and a set screw's hole."""
-    body = prism(_toothed(48, 27, 25.4), 24, (0, 0, -4)) + rod(33, 6, (0, 0, -10)) + rod(14, 22, (0, 0, -28))
+    body = prism(toothed(48, 27, 25.4), 24, (0, 0, -4)) + rod(33, 6, (0, 0, -10)) + rod(14, 22, (0, 0, -28))
     body += prism(profile([(28, -6), (44, 0), (28, 6)]), 6, (0, 0, -10))
     return body - rod(20, 6, (0, 0, 16)) - bore(3, (0, 0, -30), "z", 40, 40) - bore(2.5, (0, 10, -21), "y", 20, 24)
 
@@ -309,15 +309,6 @@ def _swept(path: np.ndarray, radius: np.ndarray | float, segments: int, flatten:
     caps = [np.stack([0 * ring + first, step, ring], 1), np.stack([0 * ring + last, end + ring, end + step], 1)]
     vertices = np.vstack([rings.reshape(-1, 3), path[:1], path[-1:]])
     return Manifold(Mesh64(vertices, np.vstack([sides, *caps]).astype(np.uint64)))
-
-
-def _toothed(teeth: int, outer: float, inner: float) -> CrossSection:
-    """A toothed wheel's outline with straight flanks, mm."""
-    step = 2 * np.pi / teeth
-    shares, radii = (-0.36, -0.14, 0.14, 0.36), (inner, outer, outer, inner)
-    angle = (np.arange(teeth)[:, None] + np.array(shares)) * step
-    reach = np.tile(radii, (teeth, 1))
-    return CrossSection([np.stack([(reach * np.cos(angle)).ravel(), (reach * np.sin(angle)).ravel()], 1)])
 
 
 def _threaded(radius: float, length: float, pitch: float, base: tuple[float, ...]) -> Manifold:

@@ -111,6 +111,19 @@ def prism(outline: CrossSection, height: float, base: Sequence[float] = (0, 0, 0
     return body.translate(tuple(base))
 
 
+def toothed(
+    teeth: int,
+    outer: float,
+    inner: float,
+    shares: Sequence[float] = (-0.36, -0.14, 0.14, 0.36),
+    heights: Sequence[float] = (0, 1, 1, 0),
+) -> CrossSection:
+    """A toothed wheel's outline with straight flanks, mm: corners of a tooth by their share of its pitch and height."""
+    angle = (np.arange(teeth)[:, None] + np.array(shares)) * (2 * np.pi / teeth)
+    reach = inner + np.tile(np.array(heights) * (outer - inner), (teeth, 1))
+    return CrossSection([np.stack([(reach * np.cos(angle)).ravel(), (reach * np.sin(angle)).ravel()], 1)])
+
+
 def gusset(corner: Sequence[float], reach: Sequence[float], thickness: float, axis: Axis) -> Manifold:
     """Triangular rib: right angle at `corner`, legs `reach` along the other two axes, centred along `axis`.
 

@@ -6,12 +6,12 @@ groups: as in `cad_parts`; sizes 60 to 160 mm; none has a symmetry.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from data_recipes.metal.solids import block, bore, prism, rod, slot
+from data_recipes.metal.solids import block, bore, prism, rod, slot, toothed
 
 
 def chain_sprocket() -> Manifold:
@@ -29,7 +29,7 @@ def chain_sprocket() -> Manifold:
 
 def splined_shaft() -> Manifold:
     """Group 3: a shaft with twelve splines, a collar with a flat, a journal with a cross hole and a groove."""
-    outline = _toothed(12, 15, 12, (-0.3, -0.27, 0.27, 0.3))
+    outline = toothed(12, 15, 12, (-0.3, -0.27, 0.27, 0.3))
     body = prism(outline, 46, (0, 0, -8)) + rod(22, 8, (0, 0, -15)) + rod(13, 40, (0, 0, -54))
     body -= block((-40, 17, -20), (40, 40, -6)) + bore(3, (0, 0, -44), "x", 60, 24)
     return body - (rod(16, 3, (0, 0, -26)) - rod(11, 3, (0, 0, -26))) + rod(8, 14, (0, 0, 37), chamfer=1.5)
@@ -37,7 +37,7 @@ def splined_shaft() -> Manifold:
 
 def ratchet_wheel() -> Manifold:
     """Group 3: a wheel of eighteen saw teeth with a square hole, a curved slot, a boss with a pin hole beside it."""
-    outline = _toothed(18, 40, 34.5, (-0.5, 0.42, 0.5), (0, 1, 0))
+    outline = toothed(18, 40, 34.5, (-0.5, 0.42, 0.5), (0, 1, 0))
     body = prism(outline, 12, (0, 0, -6)) + rod(17, 7, (0, 0, 5.5)) - block((-8, -8, -30), (8, 8, 30))
     slotted = [bore(3.2, _on_circle(25, angle), segments=24) for angle in range(60, 125, 6)]
     return body - sum(slotted[1:], slotted[0]) - bore(3.2, _on_circle(25, 260), segments=24)
@@ -54,7 +54,7 @@ def bolted_flange() -> Manifold:
 
 def timing_pulley() -> Manifold:
     """Group 3: a pulley for a toothed belt of 24 gaps between two flanges, a hub with a set screw, a D bore."""
-    body = prism(_toothed(24, 30, 27, (-0.3, -0.22, 0.22, 0.3)), 18, (0, 0, -9))
+    body = prism(toothed(24, 30, 27, (-0.3, -0.22, 0.22, 0.3)), 18, (0, 0, -9))
     body += rod(33, 2, (0, 0, -11)) + rod(33, 2, (0, 0, 9)) + rod(16, 14, (0, 0, 10), chamfer=1)
     shaft = CrossSection.circle(7, 48) - CrossSection.square((20, 20)).translate((5, -10))
     body -= prism(shaft, 90, (0, 0, -45)) + bore(2.2, (12, 0, 18), "x", 16, 24)
@@ -82,7 +82,7 @@ def brake_disc() -> Manifold:
 
 def milling_cutter() -> Manifold:
     """Group 4: a shell cutter with ten twisted gashes, a drive slot on top, a keyway and a wear mark in one tooth."""
-    body = _toothed(10, 38, 31, (-0.45, 0.05, 0.45), (0.2, 1, 0)).extrude(26, 12, 22).translate((0, 0, -13))
+    body = toothed(10, 38, 31, (-0.45, 0.05, 0.45), (0.2, 1, 0)).extrude(26, 12, 22).translate((0, 0, -13))
     body += rod(24, 10, (0, 0, 12), chamfer=1) - bore(11, (0, 0, 0))
     body -= bore(11, (0, 0, 0)) + block((-30, -5, 17), (30, 5, 30)) + block((-3, 0, -40), (3, 14, 40))
     return body - rod(20, 5, (0, 0, -14)) - block((-45, -6, 4), (-30, 6, 20))
@@ -105,12 +105,3 @@ def _on_circle(radius: float, angle_deg: float) -> tuple[float, float, float]:
     """A place on a circle about z."""
     angle = np.deg2rad(angle_deg)
     return float(radius * np.cos(angle)), float(radius * np.sin(angle)), 0.0
-
-
-def _toothed(
-    teeth: int, outer: float, inner: float, shares: Sequence[float], heights: Sequence[float] = (0, 1, 1, 0)
-) -> CrossSection:
-    """A toothed wheel's outline: corners of a tooth by their share of its pitch and of its height."""
-    angle = (np.arange(teeth)[:, None] + np.array(shares)) * (2 * np.pi / teeth)
-    reach = inner + np.tile(np.array(heights) * (outer - inner), (teeth, 1))
-    return CrossSection([np.stack([(reach * np.cos(angle)).ravel(), (reach * np.sin(angle)).ravel()], 1)])
