@@ -22,8 +22,7 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What its code leaves behind; the part that the tests prepared stands in for the one that it prepares."""
     found: dict[str, Any] = {"__name__": __name__}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("acp_lab.preparation.prepare", lambda part, out: sample_model())
-        patch.delitem(acp.__dict__, "prepare", raising=False)
+        patch.setattr(acp, "prepare", lambda part, out: sample_model())
         patch.chdir(tmp_path_factory.mktemp("page"))
         for block in re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL):
             exec(compile(block, "own-stages.md", "exec", dont_inherit=True), found)

@@ -33,8 +33,7 @@ def test_the_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         asked.append((part.name, out))
         return sample_model()
 
-    monkeypatch.setattr("acp_lab.preparation.prepare", prepare)
-    monkeypatch.delitem(__import__("acp_lab").__dict__, "prepare", raising=False)
+    monkeypatch.setattr(acp_lab, "prepare", prepare)
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     exec(compile(example(), "README.md", "exec"), names)
@@ -62,8 +61,7 @@ def test_the_example_with_a_video_runs(tmp_path: Path, monkeypatch: pytest.Monke
     camera.to_json(tmp_path / "CAMERA.json")
     write_pose(tmp_path / "POSE.json", scene.first_pose)
     shutil.copy(part, tmp_path / "bracket.ply")
-    monkeypatch.setattr("acp_lab.preparation.prepare", lambda *_, **__: model)
-    monkeypatch.delitem(acp_lab.__dict__, "prepare", raising=False)
+    monkeypatch.setattr(acp_lab, "prepare", lambda *_, **__: model)
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"acp": acp_lab}
     exec(compile(example(1), "README.md", "exec"), names)
