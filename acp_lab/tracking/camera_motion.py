@@ -27,6 +27,7 @@ from acp_lab.geometry.pose_step import pose_step_between
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.background import Background
 from acp_lab.tracking.frame_view import crop_box
+from acp_lab.tracking.learning.knowledge import Off
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,11 @@ class CameraMotion:
 
 
 class CameraFollower:
-    """The camera before one tracked part."""
+    """The camera before one tracked part; where the method does not ask it, no part is accelerated by it."""
 
-    def __init__(self, part: Part, config: CameraMotion) -> None:
-        self._part, self._config = part, config
+    def __init__(self, part: Part, config: CameraMotion | Off) -> None:
+        self._part, self._is_off = part, isinstance(config, Off)
+        self._config = CameraMotion() if isinstance(config, Off) else config
         self._corners_obj = box_corners(part)
         self._background = Background()
         self.forget()
@@ -86,6 +88,8 @@ class CameraFollower:
 
         times: as long is the step in time to this frame as the one before.
         """
+        if self._is_off:
+            return None
         if self._awaits_pose:  # nothing was found in the last frame
             self._poses = ()
         self._times, self._awaits_pose = times, True

@@ -1,22 +1,19 @@
 """The tracker of one part, and the only frame loop: predict, look, solve, recover, learn, report.
 
-What it does in each stage is its method's (see `method`); the loop is the same for all. How a frame's pose is found is
-in `pursuit`, whether the part is there in `whereabouts`. The state that goes from frame to frame is the paper's: four
-image control points I with their 3D points W, or the pose that says the same.
+What it does in each stage is its method's (see `method`); the loop is the same for all. How a track begins is in
+`beginning`, how a frame's pose is found in `locating`, whether the part is there in `whereabouts`. The state that goes
+from frame to frame is the paper's: four image control points I with their 3D points W, or the pose that says the same.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from acp_lab.cad.part import box_corners
 from acp_lab.control_points.view_regions import REGION_COUNT
-from acp_lab.errors import PreparationError, SequenceError, TrackingError, check_kind
+from acp_lab.errors import SequenceError, TrackingError, check_kind
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import check_pose, transform
@@ -24,14 +21,14 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame, check_frame
 from acp_lab.sequences.protocol import Sequence
 from acp_lab.tracking.assessment import Assessment
-from acp_lab.tracking.camera_motion import CameraFollower, CameraMotion
-from acp_lab.tracking.denoising import NoiseFilter
+from acp_lab.tracking.beginning import Beginning
+from acp_lab.tracking.camera_motion import CameraFollower
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.first_frame import FirstFrame
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.frame_view import LEAST_PART_PX, Box, crop_box
 from acp_lab.tracking.kalman import KalmanPrediction, PoseKalman
 from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.locating import Locator
 from acp_lab.tracking.magnification import MagnifyingGlass
 from acp_lab.tracking.method import ACP, Method, method_named
 from acp_lab.tracking.observer import Observer
@@ -39,16 +36,13 @@ from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.recovery import Alternatives
 from acp_lab.tracking.repeated_picture import ShownPicture
 from acp_lab.tracking.result import NOT_PREPARED, TrackResult
-from acp_lab.tracking.search import Look
-from acp_lab.tracking.second_opinion import Question, second_opinion
 from acp_lab.tracking.session import TrackRun, track_sequence
 from acp_lab.tracking.solution import SeenFrame, Solution
-from acp_lab.tracking.start import LOOK_LEVEL, Started, TrustedStart, begin
+from acp_lab.tracking.start import LOOK_LEVEL
+from acp_lab.tracking.steadying import SteadyPictures
 from acp_lab.tracking.stopwatch import Stopwatch
 from acp_lab.tracking.time_step import FrameTimes, TimeStep
-from acp_lab.tracking.tones import Tones
-from acp_lab.tracking.turn_check import TurnCheck
-from acp_lab.tracking.turned import TurnChecker, Turned
+from acp_lab.tracking.turned import TurnChecker
 from acp_lab.tracking.whereabouts import Whereabouts
 
 
@@ -82,24 +76,21 @@ class Tracker:
         self.method = method_named(method) if isinstance(method, str) else method
         check_kind(self.method, Method, "method", f"one of acp.METHODS by its name, such as {ACP.name!r}, or a Method")
         self.solver = FrameSolver(model, self.method)
-        self._pursuit = Pursuit(self.solver)
         self.records_steps = False
         self.records_target = False
-        self._first: FirstFrame | None = None
-        self._tones = None if isinstance(self.method.tones, Off) else Tones(self.method.tones)
-        self._noise = None if isinstance(self.method.denoising, Off) else NoiseFilter(self.method.denoising)
-        self._finder = LateFinder(model)
-        self._assessment = Assessment(model.part, self.solver.method)
-        self._whereabouts = Whereabouts(model, self.solver.method, self._assessment, self._finder)
-        turns, has_turns = self.method.turns, len(model.near_turns) > 0
-        self._turn_checker: TurnChecker | None = None
-        if isinstance(turns, TurnCheck) and has_turns:
-            self._turn_checker = TurnChecker(model.near_turns, turns, self._pursuit)
-        self._corners_obj = box_corners(model.part)
-        camera, takes_jerks = self.method.camera, isinstance(self.method.prediction, KalmanPrediction)
-        self._camera = CameraFollower(model.part, camera) if isinstance(camera, CameraMotion) and takes_jerks else None
+        part, method, finder = model.part, self.solver.method, LateFinder(model)
+        self._assessment = Assessment(part, method)
+        self._beginning = Beginning(model, self.solver, self._assessment, finder)
+        self._pursuit = Pursuit(self.solver)
+        self._whereabouts = Whereabouts(model, method, self._assessment, finder)
+        self._turn_checker = TurnChecker(model.near_turns, method.turns, self._pursuit)
+        self._locator = Locator(self._pursuit, self._whereabouts, self._turn_checker)
+        self._pictures = SteadyPictures(part, method)
+        takes_jerks = isinstance(method.prediction, KalmanPrediction)
+        self._camera = CameraFollower(part, method.camera if takes_jerks else Off())
+        self._shown = ShownPicture(part, method.margin_px)
         self._times = FrameTimes()
-        self._shown = ShownPicture(model.part, self.method.margin_px)
+        self._first: FirstFrame | None = None
         self._forget()
 
     @property
@@ -161,35 +152,25 @@ class Tracker:
             TrackingError: the part at that pose is behind the camera, outside the image or shows too few edges.
             PreparationError: it is seen from a view region that the method's generator was not trained for.
         """
-        begin_s, clock = time.perf_counter(), Stopwatch()
+        clock = Stopwatch()
         check_frame(frame)
         check_pose(cam_T_obj, f"{self.part.name}: the start pose")
         self._forget()
         self.solver.records_steps = self.records_steps
-        pose, as_given = np.array(cam_T_obj, np.float64), frame
+        pose, as_given, pursuit = np.array(cam_T_obj, np.float64), frame, self._pursuit
         frame = self._steady(frame, pose, clock)
         self.solver.magnify(frame.camera, pose)
-        self._pursuit.region = self._first_region(pose)
-        seen = self._pursuit.look(frame, pose, clock)
-        started = None if seen is None else self._begin(frame, seen, clock)
-        if seen is None or started is None:
-            depth_mm = float(transform(pose, self.part.box_centre)[2])
-            how = f", or it is smaller than {LEAST_PART_PX} px"
-            if depth_mm <= 0.0:
-                how = " and lies behind the camera"
-            elif depth_mm < self.part.radius:
-                how = f", as its middle is {depth_mm:.0f} mm from the lens, nearer than its own size"
-            size = f"{frame.camera.width}x{frame.camera.height}"
-            raise TrackingError(
-                f"{self.part.name}: at the start pose t = {np.round(pose[:3, 3], 1).tolist()} mm the part is not seen "
-                f"in frame {frame.index} ({size}){how}; check pose, unit and camera"
-            )
+        pursuit.region = self._beginning.region(pose)
+        seen = pursuit.look(frame, pose, clock)
+        started = None if seen is None else self._beginning.begin(frame, seen, clock)
+        if started is None:
+            raise self._beginning.not_seen(frame, pose)
         seen, solution, self._trusted = started.seen, started.solution, started.trusted
-        self._pursuit.region = seen.view.region
+        pursuit.region = seen.view.region
         matches = solution.judgement.matches
         if started.measures and matches is not None:
             self.solver.knowledge.measure_offsets(matches)
-            self._first = FirstFrame(frame, solution.cam_T_obj, self._pursuit.region)
+            self._first = FirstFrame(frame, solution.cam_T_obj, pursuit.region)
         self._started = True
         self._learn(frame, solution, clock, self._trusted)
         score = 0.0
@@ -197,21 +178,16 @@ class Tracker:
             # Again, with what the first frame taught; later frames are compared with it.
             again = self.solver.look_at(seen, seen.view.at_pose(solution.cam_T_obj), LOOK_LEVEL, clock)
             score = (again or solution).score
-        self._pursuit.begin(solution, score)
-        if self._turn_checker is not None:
-            self._turn_checker.begin(frame, solution, clock)
+        pursuit.begin(solution, score)
+        self._turn_checker.begin(frame, solution, clock)
         quality = self._assessment.quality(solution)
         note = self._whereabouts.begin(solution.cam_T_obj, quality)
-        if not isinstance(self.method.way_back, Off) and self.model.views is not None:
-            self._finder()  # before it is needed
-        note = "; ".join(filter(None, (started.note, note)))
         if not self._trusted and not isinstance(self.method.uncertainty, Off):
             solution = self.solver.weigh(seen, solution)
-        if self._camera is not None:
-            self._camera.begin(frame, solution.cam_T_obj)
+        self._camera.begin(frame, solution.cam_T_obj)
         self._shown.keep(as_given, solution.cam_T_obj)
         self._times.begin(as_given)
-        return self._result(frame, pose, solution, quality, clock, begin_s, note)
+        return self._result(frame, pose, solution, quality, _joined(started.note, note), clock)
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
         """The pose in the next frame; an unreadable frame gets the predicted pose and quality 0.
@@ -223,82 +199,26 @@ class Tracker:
         self._check_started("track was called")
         if not isinstance(frame, UnreadableFrame):
             check_frame(frame)
-        begin_s, clock = time.perf_counter(), Stopwatch()
-        pursuit, whereabouts = self._pursuit, self._whereabouts
+        clock = Stopwatch()
         self.solver.records_steps = self.records_steps
-        if self._first is not None:
-            self._first.next_frame()
-        step = self._times.step_to(frame)
-        pursuit.predictor.elapse(step)
-        whereabouts.next_frame()
+        step = self._elapse(frame)
         if isinstance(frame, UnreadableFrame):
-            if self._camera is not None:
-                self._camera.miss()
-            if self._turn_checker is not None:
-                self._turn_checker.interrupt()
-            predicted = pursuit.predicted
-            pursuit.predictor.coast()
-            note = "; ".join(filter(None, (frame.reason, whereabouts.miss())))
-            return self._blind(frame, predicted, predicted, clock, begin_s, note)
-        if comes_again := self._shown.is_again_in(frame):
-            pursuit.predictor.repeat()
-        as_given, frame = frame, self._steady(frame, pursuit.predicted, clock)
-        if not comes_again:
-            self._follow_camera(frame, step, clock)
-        self.solver.magnify(frame.camera, pursuit.predicted)
-        proposals, other, turned = whereabouts.proposals(frame, clock), None, None
-        if proposals:
-            predicted, solution = pursuit.predicted, pursuit.best_of(frame, proposals, clock)
-            whereabouts.tried(solution)
-        else:
-            predicted, solution = pursuit.follow(frame, clock)
-            if not whereabouts.is_looked_for:
-                solution = pursuit.recover(frame, predicted, solution, clock, whereabouts.states)
-            other = self._elsewhere(frame, solution, clock)
-            solution = other or solution
-        asks = not (proposals or other is not None or whereabouts.is_looked_for)
-        if not comes_again:  # the same picture says nothing new
-            turned = self._turned(frame, solution if asks else None, clock)
-        solution = solution if turned is None else turned.solution
-        if whereabouts.is_looked_for and whereabouts.is_another(frame, solution, bool(proposals), pursuit.solve, clock):
-            pursuit.turn_back(whereabouts.last_seen)
-            solution = None
+            return self._unread(frame, clock)
+        as_given, is_repeated = frame, self._shown.is_again_in(frame)
+        frame = self._expect(frame, step, is_repeated, clock)
+        located = self._locator.locate(frame, is_repeated, clock)
+        solution = located.solution
         if solution is None:
             # Prediction without sight runs away; the last pose is the better guess.
-            pursuit.restart(pursuit.last)
-            note = whereabouts.miss() or "the part is not seen"
-            return self._blind(frame, predicted, pursuit.last, clock, begin_s, note)
+            self._pursuit.restart(self._pursuit.last)
+            note = self._whereabouts.miss() or "the part is not seen"
+            return self._blind(frame, located.predicted, self._pursuit.last, note, clock)
         quality = self._assessment.quality(solution)
-        note = whereabouts.take_in(frame, solution, quality, clock)
-        if whereabouts.is_looked_for:
-            # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
-            pursuit.restart(solution.cam_T_obj if whereabouts.fits else whereabouts.last_seen)
-            if whereabouts.fits:
-                pursuit.remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
-        elif other is not None or (turned is not None and turned.is_leap):
-            pursuit.begin(solution, solution.score)  # a leap, too, and how well the wrong pose fitted says nothing
-            pursuit.remember(frame, solution.cam_T_obj)
-        else:
-            pursuit.go_on_from(solution, quality)
-            if self._camera is not None:
-                self._camera.found(solution.cam_T_obj, frame.camera)
-        if whereabouts.may_teach:
-            self._learn(frame, solution, clock)
-            self._measure_again(solution.cam_T_obj, clock)
-        elif not whereabouts.is_lost:
-            pursuit.remember(frame, solution.cam_T_obj)
-        if not whereabouts.is_lost:
-            self._shown.keep(as_given, solution.cam_T_obj)
-            # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
-            pursuit.usual.take_in(solution)
-        if other is not None:
-            note = "; ".join(filter(None, ("the detector finds it elsewhere", note)))
-        if turned is not None:
-            note = "; ".join(filter(None, ("turned: only there the edges that tell are found", note)))
-        # Where the region was chosen at.
-        at = predicted if other is None and turned is None and not proposals else solution.cam_T_obj
-        note = "; ".join(filter(None, (self._unprepared(at), note)))
-        return self._result(frame, predicted, solution, quality, clock, begin_s, note)
+        note = self._whereabouts.take_in(frame, solution, quality, clock)
+        self._go_on_from(frame, solution, quality, located.is_leap)
+        self._keep(frame, as_given, solution, clock)
+        note = _joined(self._unprepared(located.region_at), located.note, note)
+        return self._result(frame, located.predicted, solution, quality, note, clock)
 
     def run(
         self,
@@ -344,10 +264,7 @@ class Tracker:
         check_frame(frame)
         check_pose(prior, f"{self.part.name}: the pose to look from")
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
-        if self._tones is not None:
-            frame = self._tones.preview(frame, self._middle_at(frame, prior))
-        if self._noise is not None:
-            frame = self._noise.preview(frame)
+        frame = self._pictures.preview(frame, prior)
         glass, self.solver.glass = self.solver.glass, MagnifyingGlass(None)
         try:
             return self.solver.look(frame.image, frame.camera, prior, region, motion=self._pursuit.predictor.motion)
@@ -361,139 +278,87 @@ class Tracker:
     def _forget(self) -> None:
         self.solver.forget()
         self._pursuit.forget()
-        self._first = None
         self._whereabouts.forget()
-        if self._tones is not None:
-            self._tones.forget()
-        if self._noise is not None:
-            self._noise.forget()
+        self._turn_checker.forget()
+        self._pictures.forget()
+        self._camera.forget()
         self._shown.forget()
-        if self._camera is not None:
-            self._camera.forget()
-        if self._turn_checker is not None:
-            self._turn_checker.forget()
+        self._first = None
         self._started = self._trusted = False
         self._warned = len(self.solver.source.regions) == REGION_COUNT  # then there is nothing to warn of
 
-    def _first_region(self, pose: FloatArray) -> int:
-        region = self.solver.choose_region(pose)
-        if not self.solver.is_prepared_for(pose, region):
-            natural, trained = self.solver.natural_region(pose), self.solver.source.regions
-            # Without its name other generators are prepared.
-            option = " --generator autoencoder" if self.generator_name == "autoencoder" else ""
-            raise PreparationError(
-                f"{self.part.name}: the part is seen from view region {natural}, generator {self.generator_name} is "
-                f"prepared for {', '.join(map(str, trained))} only; {self.model.prepare_command}{option} "
-                f"--regions {natural}"
-            )
-        return region
+    def _elapse(self, frame: Frame | UnreadableFrame) -> TimeStep:
+        """Time goes by until this frame."""
+        if self._first is not None:
+            self._first.next_frame()
+        step = self._times.step_to(frame)
+        self._pursuit.predictor.elapse(step)
+        self._whereabouts.next_frame()
+        return step
 
-    def _unprepared(self, predicted: FloatArray) -> str:
-        """Says, once, that the part turned to where the generator was not prepared."""
-        if self._warned or self.solver.is_prepared_for(predicted, self._pursuit.region):
-            return ""
-        self._warned = True
-        natural, region = self.solver.natural_region(predicted), self._pursuit.region
-        return f"view region {natural} {NOT_PREPARED}: that of region {region} is used; accuracy will fall"
-
-    def _begin(self, frame: Frame, seen: SeenFrame, clock: Stopwatch) -> Started | None:
-        config, solver = self.method.start, self.solver
-        if not isinstance(config, Off):
-
-            def look(pose: FloatArray) -> SeenFrame | None:
-                return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
-
-            started = begin(solver, look, seen, config, clock)
-            if started is None or started.trusted:
-                return started
-            return self._asked_again(frame, look, seen.view.prior, started, config, clock)
-        solution = self.solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
-        return None if solution is None else Started(seen, solution, trusted=False, measures=False)
-
-    def _asked_again(
-        self, frame: Frame, look: Look, start: FloatArray, started: Started, config: TrustedStart, clock: Stopwatch
-    ) -> Started | None:
-        """What was begun with from a start pose (4, 4), or what the frame is begun with where the part is elsewhere."""
-        # Without stored views a first frame would have to wait for them.
-        if self.model.views is None:
-            return started
-        question = Question(frame, look, start, started.solution.cam_T_obj)
-        elsewhere = second_opinion(question, self.solver, self._finder(), config, self._assessment.quality, clock)
-        if elsewhere is None:
-            return started
-        for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
-            self.solver.forget()
-            self.solver.magnify(frame.camera, pose)
-            seen = look(pose)
-            again = None if seen is None else begin(self.solver, look, seen, config, clock)
-            if again is not None:
-                # Nobody gave that pose, or it was doubted: there is nothing to trust.
-                return replace(again, trusted=False, measures=config.measures, note=note)
-        return None
-
-    def _elsewhere(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Solution | None:
-        """A frame solved from where second thoughts find a part that is followed; None where its solution stays."""
-        pursuit, region = self._pursuit, self._pursuit.region
-        best = pursuit.best_of(frame, self._whereabouts.second_thoughts(frame, solution, clock), clock)
-        if (
-            best is None
-            or solution is None
-            or not self._whereabouts.prefers(frame, best, solution, pursuit.solve, clock)
-        ):
-            pursuit.region = region
-            return None
-        return best
-
-    def _turned(self, frame: Frame, solution: Solution | None, clock: Stopwatch) -> Turned | None:
-        """A frame solved at another turn of a part that looks nearly the same there; None where its solution stays.
-
-        solution: None where it is not asked.
-        """
-        checker = self._turn_checker
-        if checker is None:
-            return None
-        if solution is None:
-            checker.interrupt()
-            return None
-        turned = checker.other(frame, solution, clock)
-        if turned is not None:
-            self._pursuit.region = turned.solution.estimate.view.region
-        return turned
-
-    def _follow_camera(self, frame: Frame, step: TimeStep, clock: Stopwatch) -> None:
-        """Expect the part where a camera that turned otherwise than before takes it."""
-        if self._camera is None:
-            return
-        clock.lap()
-        further, predictor = (
-            self._camera.acceleration(frame, self._pursuit.predicted, step.of_last),
-            self._pursuit.predictor,
-        )
-        # A part that rests for all that is known may as well rest beside the camera.
-        if isinstance(predictor, PoseKalman) and predictor.moves and further is not None:
-            predictor.accelerate(further)
-        clock.image_s += clock.lap()
+    def _expect(self, frame: Frame, step: TimeStep, is_repeated: bool, clock: Stopwatch) -> Frame:
+        """The frame as it is to be seen, and the part where it is expected in it; is_repeated: see `Locator.locate`."""
+        predictor = self._pursuit.predictor
+        if is_repeated:
+            predictor.repeat()
+        frame = self._steady(frame, self._pursuit.predicted, clock)
+        if not is_repeated:
+            further = self._camera.acceleration(frame, self._pursuit.predicted, step.of_last)
+            # A part that rests for all that is known may as well rest beside the camera.
+            if further is not None and isinstance(predictor, PoseKalman) and predictor.moves:
+                predictor.accelerate(further)
+            clock.image_s += clock.lap()
+        self.solver.magnify(frame.camera, self._pursuit.predicted)
+        return frame
 
     def _steady(self, frame: Frame, expected: FloatArray, clock: Stopwatch) -> Frame:
-        """The frame without a sudden change of light, bands of it, or much noise.
-
-        expected: (4, 4) the pose of the part there.
-        """
         clock.lap()
-        if self._tones is not None:
-            frame = self._tones.steady(frame, self._middle_at(frame, expected))
-        if self._noise is not None:
-            frame = self._noise.smoothed(frame)
+        frame = self._pictures.steady(frame, expected)
         clock.image_s += clock.lap()
         return frame
 
-    def _middle_at(self, frame: Frame, pose: FloatArray) -> Box | None:
-        """The middle of the part's box at a pose (4, 4), half as wide and high: there it is mostly part."""
-        box = crop_box(self._corners_obj, pose, frame.camera, 0.0)
-        if box is None:
-            return None
-        x0, y0, x1, y1 = box
-        return (3 * x0 + x1) // 4, (3 * y0 + y1) // 4, (x0 + 3 * x1) // 4, (y0 + 3 * y1) // 4
+    def _go_on_from(self, frame: Frame, solution: Solution, quality: float, is_leap: bool) -> None:
+        """Where the next frame is expected from."""
+        pursuit, whereabouts = self._pursuit, self._whereabouts
+        if whereabouts.is_looked_for:
+            # A search that follows what does not fit ends up anywhere, and a leap is no velocity.
+            pursuit.restart(solution.cam_T_obj if whereabouts.fits else whereabouts.last_seen)
+            if whereabouts.fits:
+                pursuit.remember(frame, solution.cam_T_obj)  # how fast it is nobody knows: the next frame has to see it
+        elif is_leap:
+            pursuit.begin(solution, solution.score)  # how well the wrong pose fitted says nothing
+            pursuit.remember(frame, solution.cam_T_obj)
+        else:
+            pursuit.go_on_from(solution, quality)
+            self._camera.found(solution.cam_T_obj, frame.camera)
+
+    def _keep(self, frame: Frame, as_given: Frame, solution: Solution, clock: Stopwatch) -> None:
+        """What the frame teaches, as far as it may; as_given: before it was steadied."""
+        whereabouts, pose = self._whereabouts, solution.cam_T_obj
+        if whereabouts.may_teach:
+            self._learn(frame, solution, clock)
+            self._measure_again(pose, clock)
+        elif not whereabouts.is_lost:
+            self._pursuit.remember(frame, pose)
+        if not whereabouts.is_lost:
+            self._shown.keep(as_given, pose)
+            # Also from poor frames: a part that stays half hidden must not count as a sudden loss for ever.
+            self._pursuit.usual.take_in(solution)
+
+    def _unread(self, frame: UnreadableFrame, clock: Stopwatch) -> TrackResult:
+        self._camera.miss()
+        self._turn_checker.interrupt()
+        predicted = self._pursuit.predicted
+        self._pursuit.predictor.coast()
+        return self._blind(frame, predicted, predicted, _joined(frame.reason, self._whereabouts.miss()), clock)
+
+    def _unprepared(self, cam_T_obj: FloatArray) -> str:
+        """Says, once, that the part turned to where the generator was not prepared: to a pose (4, 4)."""
+        if self._warned or self.solver.is_prepared_for(cam_T_obj, self._pursuit.region):
+            return ""
+        self._warned = True
+        natural, region = self.solver.natural_region(cam_T_obj), self._pursuit.region
+        return f"view region {natural} {NOT_PREPARED}: that of region {region} is used; accuracy will fall"
 
     def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()
@@ -519,9 +384,8 @@ class Tracker:
         predicted: FloatArray,
         solution: Solution,
         quality: float,
-        clock: Stopwatch,
-        begin_s: float,
         note: str,
+        clock: Stopwatch,
     ) -> TrackResult:
         judgement, covariance, glass = solution.judgement, self._assessment.covariance(solution), self.solver.glass
         return TrackResult(
@@ -537,7 +401,7 @@ class Tracker:
             edges=glass.edges(self.solver.shown_edges(solution)),
             residuals_px=glass.lengths(judgement.residuals_px),
             iterations=solution.iterations,
-            timings=clock.timings(frame.undistort_s, time.perf_counter() - begin_s),
+            timings=clock.timings(frame.undistort_s),
             note=note,
             steps=glass.steps(solution.steps),
             covariance=covariance,
@@ -547,13 +411,7 @@ class Tracker:
         )
 
     def _blind(
-        self,
-        frame: Frame | UnreadableFrame,
-        predicted: FloatArray,
-        pose: FloatArray,
-        clock: Stopwatch,
-        begin_s: float,
-        note: str,
+        self, frame: Frame | UnreadableFrame, predicted: FloatArray, pose: FloatArray, note: str, clock: Stopwatch
     ) -> TrackResult:
         return TrackResult(
             frame_id=frame.index,
@@ -567,9 +425,7 @@ class Tracker:
             edges=None,
             residuals_px=None,
             iterations=0,
-            timings=clock.timings(
-                frame.undistort_s if isinstance(frame, Frame) else 0.0, time.perf_counter() - begin_s
-            ),
+            timings=clock.timings(frame.undistort_s if isinstance(frame, Frame) else 0.0),
             note=note,
             sought=self._whereabouts.sought,
         )
@@ -578,6 +434,10 @@ class Tracker:
         if camera is None:
             return np.full((4, 2), np.nan)
         return camera.project(transform(pose, self.solver.control_points_obj[self._pursuit.region]))
+
+
+def _joined(*notes: str) -> str:
+    return "; ".join(filter(None, notes))
 
 
 def _has_truth(sequence: Sequence) -> bool:

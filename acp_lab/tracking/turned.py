@@ -21,6 +21,7 @@ from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.start import LOOK_LEVEL
@@ -51,10 +52,14 @@ class Turned:
 
 
 class TurnChecker:
-    """Of one tracked part; turns: (k, 4, 4), some, by rising angle, see `cad.near_turns`."""
+    """Of one tracked part; turns: (k, 4, 4) by rising angle, see `cad.near_turns`. Most parts have none."""
 
-    def __init__(self, turns: FloatArray, config: TurnCheck, pursuit: Pursuit) -> None:
-        self._turns, self._config, self._pursuit = turns, config, pursuit
+    def __init__(self, turns: FloatArray, config: TurnCheck | Off, pursuit: Pursuit) -> None:
+        self._turns, self._config, self._pursuit = turns, TurnCheck(), pursuit
+        if isinstance(config, Off):
+            self._turns = turns[:0]
+        else:
+            self._config = config
         self.forget()
 
     def forget(self) -> None:
@@ -116,6 +121,8 @@ class TurnChecker:
         return [turn % len(self._turns) for turn in range(self._next - count, self._next)]
 
     def _ask(self, frame: Frame, solution: Solution, clock: Stopwatch) -> _Asked | None:
+        if not len(self._turns):
+            return None
         pose = solution.cam_T_obj
         seen = self._pursuit.look(frame, pose, clock)
         edges = None if seen is None else _drawn(self._pursuit.solver, seen, pose, clock)

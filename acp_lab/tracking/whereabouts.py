@@ -55,6 +55,7 @@ class Whereabouts:
         self._second_thoughts = None if isinstance(config, Off) or not thinks else SecondThoughts(model, config, finder)
         remembered_frames = 0 if isinstance(config, Off) or model.views is None else config.remembered_frames
         self._look_alikes = LookAlikes(model.part, remembered_frames, finder) if remembered_frames > 0 else None
+        self._finder = None if isinstance(config, Off) or model.views is None else finder
         self.forget()
 
     def forget(self) -> None:
@@ -81,6 +82,8 @@ class Whereabouts:
     def begin(self, cam_T_obj: FloatArray, quality: float) -> str:
         """Take in the first frame's pose (4, 4) and its quality; the reason where it does not begin as tracked."""
         self.last_seen = cam_T_obj
+        if self._finder is not None:
+            self._finder()  # before it is needed
         return self.states.begin(quality)
 
     @property

@@ -1,0 +1,96 @@
+"""How a track begins: the first frame solved from the given pose, and a second opinion where that is not trusted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from acp_lab.errors import PreparationError, TrackingError
+from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import transform
+from acp_lab.prepared_part import PreparedPart
+from acp_lab.sequences.frame import Frame
+from acp_lab.tracking.assessment import Assessment
+from acp_lab.tracking.find import LateFinder
+from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.frame_view import LEAST_PART_PX
+from acp_lab.tracking.learning.knowledge import Off
+from acp_lab.tracking.search import Look
+from acp_lab.tracking.second_opinion import Question, second_opinion
+from acp_lab.tracking.solution import SeenFrame
+from acp_lab.tracking.start import Started, TrustedStart, begin
+from acp_lab.tracking.stopwatch import Stopwatch
+
+
+class Beginning:
+    """Of one tracked part, by its method's `start`."""
+
+    def __init__(self, model: PreparedPart, solver: FrameSolver, assessment: Assessment, finder: LateFinder) -> None:
+        self._model, self._solver = model, solver
+        self._assessment, self._finder = assessment, finder
+
+    def region(self, cam_T_obj: FloatArray) -> int:
+        """0..5, the view region at a start pose (4, 4); PreparationError where the generator was not trained for it."""
+        solver = self._solver
+        region = solver.choose_region(cam_T_obj)
+        if not solver.is_prepared_for(cam_T_obj, region):
+            natural, source = solver.natural_region(cam_T_obj), solver.source
+            # Without its name other generators are prepared.
+            option = " --generator autoencoder" if source.name == "autoencoder" else ""
+            raise PreparationError(
+                f"{self._model.part.name}: the part is seen from view region {natural}, generator {source.name} is "
+                f"prepared for {', '.join(map(str, source.regions))} only; {self._model.prepare_command}{option} "
+                f"--regions {natural}"
+            )
+        return region
+
+    def begin(self, frame: Frame, seen: SeenFrame, clock: Stopwatch) -> Started | None:
+        """The first frame, seen around the start pose, its view's prior; None where the part is not seen there."""
+        solver, config = self._solver, self._solver.method.start
+        if isinstance(config, Off):
+            solution = solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
+            return None if solution is None else Started(seen, solution, trusted=False, measures=False)
+
+        def look(pose: FloatArray) -> SeenFrame | None:
+            return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
+
+        started = begin(solver, look, seen, config, clock)
+        if started is None or started.trusted:
+            return started
+        return self._asked_again(frame, look, seen.view.prior, started, config, clock)
+
+    def _asked_again(
+        self, frame: Frame, look: Look, start: FloatArray, started: Started, config: TrustedStart, clock: Stopwatch
+    ) -> Started | None:
+        """What was begun with from a start pose (4, 4), or what the frame is begun with where the part is elsewhere."""
+        # Without stored views a first frame would have to wait for them.
+        if self._model.views is None:
+            return started
+        solver, question = self._solver, Question(frame, look, start, started.solution.cam_T_obj)
+        elsewhere = second_opinion(question, solver, self._finder(), config, self._assessment.quality, clock)
+        if elsewhere is None:
+            return started
+        for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
+            solver.forget()
+            solver.magnify(frame.camera, pose)
+            seen = look(pose)
+            again = None if seen is None else begin(solver, look, seen, config, clock)
+            if again is not None:
+                # Nobody gave that pose, or it was doubted: there is nothing to trust.
+                return replace(again, trusted=False, measures=config.measures, note=note)
+        return None
+
+    def not_seen(self, frame: Frame, cam_T_obj: FloatArray) -> TrackingError:
+        """What is raised where a first frame does not show the part at its start pose (4, 4)."""
+        part, camera = self._model.part, frame.camera
+        depth_mm = float(transform(cam_T_obj, part.box_centre)[2])
+        how = f", or it is smaller than {LEAST_PART_PX} px"
+        if depth_mm <= 0.0:
+            how = " and lies behind the camera"
+        elif depth_mm < part.radius:
+            how = f", as its middle is {depth_mm:.0f} mm from the lens, nearer than its own size"
+        return TrackingError(
+            f"{part.name}: at the start pose t = {np.round(cam_T_obj[:3, 3], 1).tolist()} mm the part is not seen "
+            f"in frame {frame.index} ({camera.width}x{camera.height}){how}; check pose, unit and camera"
+        )
