@@ -78,13 +78,16 @@ def as_choices(answer: Any, choices: Sequence[str]) -> frozenset[str]:
 
 
 def as_function(answer: Any, what: str) -> Callable[..., Any]:
-    """The answer as a function that turns its own failures into hints; what: "a function of two poses"."""
+    """The answer as a function that turns its own failures into hints; what: "a function of two poses".
+
+    It gets copies of arrays: one that writes into them may still be right.
+    """
     if not callable(answer):
         raise Hint(f"This wants {what}; hand in the function itself, without calling it.")
 
     def guarded(*arguments: Any) -> Any:
         try:
-            result = answer(*arguments)
+            result = answer(*(one.copy() if isinstance(one, np.ndarray) else one for one in arguments))
         except Exception as error:  # whatever a learner's function does
             raise Hint(f"Your function stopped with {type(error).__name__}: {error}") from None
         if result is None:

@@ -55,6 +55,14 @@ def _compare_projections(found: FloatArray, camera: Camera, pose: FloatArray, po
         raise Hint("The rotation goes the wrong way: for points in rows it is multiplied from the right, transposed.")
     if _close(found, camera.project(points_obj + pose[:3, 3])):
         raise Hint("The shift is there, the rotation is missing.")
+    turned = points_obj @ pose[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):  # points behind the camera are no pixels to `project`
+        by_hand = (
+            camera.fx * turned[:, :1] / turned[:, 2:] + camera.cx,
+            camera.fy * turned[:, 1:2] / turned[:, 2:] + camera.cy,
+        )
+    if _close(found, np.hstack(by_hand)):
+        raise Hint("The rotation is there, the shift is missing.")
     raise Hint(
         "Some pixels are off. Take one point through the steps: object frame, camera frame, divide by depth, "
         "focal lengths, principal point."

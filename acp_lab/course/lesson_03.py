@@ -33,9 +33,13 @@ def crease(answer: Any) -> str:
         if (found == (angles_deg < limit_deg)).all():
             raise Hint("The other way round: flat ground has an angle of zero between its normals, and is no crease.")
         if (found == (np.radians(angles_deg) > limit_deg)).all():
-            raise Hint("An angle in radians was compared with a limit in degrees.")
+            raise Hint(
+                "No edge passes at all: are angles compared, in degrees? np.arccos gives radians and np.cos takes them."
+            )
         if (found == (angles_deg > 180.0 - limit_deg)).all():
             raise Hint("The angle is that between the normals, not that inside the material.")
+        if (found == (np.minimum(angles_deg, 180.0 - angles_deg) > limit_deg)).all():
+            raise Hint("120 degrees are taken for 60: keep the sign of the scalar product.")
         if limit_deg > 90.0:
             raise Hint("Right for small limits; try a limit beyond 90 degrees, where the cosine changes its sign.")
         raise Hint("The cosine of the angle between two unit vectors is their scalar product, pair by pair.")

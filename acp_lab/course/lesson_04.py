@@ -30,7 +30,7 @@ def inverse_psnr(answer: Any) -> str:
     error = ((painted - truth) ** 2).mean((1, 2))
     if not _same(found, float(np.mean(-0.1 / np.log10(error)))):
         _compare_losses(found, painted - truth, error)
-    return "It is positive below the pole at MSE = 1, and its gradient grows as the painting gets better."
+    return "It is positive below the pole at MSE = 1, and below e^-2 its gradient grows as the painting gets better."
 
 
 @exercise("04.2")
@@ -69,8 +69,14 @@ def picture_in_doubt(answer: Any) -> str:
 def where_the_ridge_is(answer: Any) -> str:
     """peak(left, middle, right): px from the middle pixel to the summit of a Gaussian line, as `ridge` finds it."""
     function = as_function(answer, "a function peak(left, middle, right)")
-    for at in (0.31, -0.45, 0.0, 0.12):
-        left, middle, right = np.exp(-0.5 * (np.array([-1.0, 0.0, 1.0]) - at) ** 2 / 0.8**2)
+    for at, sigma_px, brightest in (
+        (0.31, 0.8, 1.0),
+        (-0.45, 0.8, 1.0),
+        (0.0, 0.6, 1.0),
+        (0.12, 1.3, 1.0),
+        (0.31, 0.8, 0.4),
+    ):
+        left, middle, right = brightest * np.exp(-0.5 * ((np.array([-1.0, 0.0, 1.0]) - at) / sigma_px) ** 2)
         found = as_number(function(float(left), float(middle), float(right)), "a distance in px")
         if abs(found - at) < 1e-6:
             continue
@@ -81,6 +87,10 @@ def where_the_ridge_is(answer: Any) -> str:
             raise Hint("Near, but a parabola through the brightness is not a Gaussian. Of what is it the exponential?")
         if abs(found - (right - left) / (left + middle + right)) < 1e-6:
             raise Hint("The centre of gravity of three pixels is drawn to the middle: fit the summit of a curve.")
+        if sigma_px != 0.8:
+            raise Hint("Right for lines of one width; that of yours nobody knows, but three values tell it, too.")
+        if brightest != 1.0:
+            raise Hint("Right for lines that are 1 at their brightest; these are as bright as they come.")
         if found == np.round(found):
             raise Hint("Whole pixels are what a threshold gives; the line runs between them.")
         raise Hint(

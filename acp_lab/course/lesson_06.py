@@ -39,7 +39,7 @@ def lowest_place(answer: Any) -> str:
 
 @exercise("06.2")
 def geman_mcclure_weight(answer: Any) -> str:
-    """weight(distances, alpha) with weight * D = e'(D)."""
+    """weight(distances, alpha) with weight * D = ρ'(D)."""
     weight = as_function(answer, "a function weight(distances, alpha)")
     distances = np.array([0.0, 0.3, 1.0, 4.0, 11.0, 40.0])
     for alpha_px in (3.0, 8.0):
@@ -56,7 +56,7 @@ def geman_mcclure_weight(answer: Any) -> str:
         with np.errstate(divide="ignore", invalid="ignore"):
             others = (
                 (loss.values, "That is the loss itself; the solver wants its derivative, divided by D."),
-                (loss.derivatives, "That is the pull e'(D); divide it by D once more."),
+                (loss.derivatives, "That is the pull ρ'(D); divide it by D once more."),
                 (share, "Nearly: differentiate the fraction with the quotient rule, its square remains."),
                 (2.0 * right, "A factor of two: the loss begins with one half."),
                 (right / alpha_px**2, "The weight on the edge itself should be one, whatever alpha is."),

@@ -87,7 +87,7 @@ def what_spoilt_them(answer: Any) -> str:
     return (
         "All three. explain names the first beside other causes, calls the second something else, and of the third "
         "says, knowing the truth, only that the pose is beside the part: what is wrong from the first frame on has no "
-        "good frame before it to be compared with."
+        "good frame before it to be compared with, only such as are as wrong."
     )
 
 

@@ -70,6 +70,9 @@ def directional_distance(answer: Any) -> str:
     sides = np.minimum(np.roll(distances, 1, 0), np.roll(distances, -1, 0)) + PX_PER_BIN
     if np.allclose(found, np.minimum(distances, sides)):
         raise Hint("That looks one bin to either side; an edge turned further may still be the nearest.")
+    two = np.minimum(np.roll(distances, 2, 0), np.roll(distances, -2, 0)) + 2.0 * PX_PER_BIN
+    if np.allclose(found, np.minimum(np.minimum(distances, sides), two)):
+        raise Hint("That stops two bins to either side, as the detector does; the formula looks at all of them.")
     if (found > distances + 1e-9).any():
         raise Hint("An edge of the very direction costs nothing for its turn, so no value can be larger than before.")
     raise Hint(

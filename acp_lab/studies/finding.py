@@ -196,7 +196,7 @@ class Stage:
     def __str__(self) -> str:
         place = "" if self.first_right is None else f", the first at place {self.first_right}"
         told = f"{self.name}: {len(self.errors)} poses, {self.right} right{place}"
-        return f"{told}, the nearest {100.0 * self.errors.min():.0f}% off"
+        return f"{told}, the nearest {100.0 * self.errors.min():.1f}% off"
 
 
 def find_stages(finder: Finder, frame: Frame, cam_T_true: FloatArray, top: int = 8) -> tuple[Stage, ...]:

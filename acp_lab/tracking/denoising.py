@@ -24,7 +24,7 @@ from acp_lab.imaging.noise import noise_levels
 from acp_lab.sequences.frame import Frame
 
 # A narrower Gaussian would change next to nothing.
-_LEAST_PX = 0.2
+_LEAST_PX = 0.3
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,17 @@ import torch
 from acp_lab.course.answers import Hint, as_array, as_choice, as_choices, as_function, as_number, near
 
 
+def test_a_function_may_write_into_what_it_is_given() -> None:
+    points = np.ones((2, 3))
+
+    def in_place(given: np.ndarray, factor: float) -> np.ndarray:
+        given *= factor
+        return given
+
+    assert (as_function(in_place, "a function")(points, 2.0) == 2.0).all()
+    assert (points == 1.0).all()
+
+
 def test_arrays_of_any_kind() -> None:
     assert as_array([[1, 2], [3, 4]], (2, 2), "a square").dtype == np.float64
     assert as_array(((1, 2),) * 5, (None, 2), "pixels").shape == (5, 2)

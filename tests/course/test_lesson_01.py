@@ -7,6 +7,7 @@ import pytest
 
 from acp_lab import course
 from acp_lab.course.lesson_01 import sample_points_obj
+from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import make_pose, transform
 from tests.course.grading import hints, passes
 
@@ -20,15 +21,25 @@ def test_projection() -> None:
     passes("01.1", lambda *given: project(*given).tolist())
 
 
+def unshifted(camera: Camera, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    x, y, z = (points @ pose[:3, :3].T).T
+    return np.column_stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy])
+
+
 @pytest.mark.parametrize(
     ("wrong", "fragment"),
     [
-        (lambda camera, pose, points: (transform(pose, points) * [camera.fx, camera.fy, 1.0])[:, :2]
-         + [camera.cx, camera.cy], "depth"),
+        (
+            lambda camera, pose, points: (
+                (transform(pose, points) * [camera.fx, camera.fy, 1.0])[:, :2] + [camera.cx, camera.cy]
+            ),
+            "depth",
+        ),
         (lambda camera, pose, points: project(camera, pose, points) - [camera.cx, camera.cy], "optical axis"),
         (lambda camera, pose, points: project(camera, pose, points)[:, ::-1], "column first"),
         (lambda camera, pose, points: camera.project(points @ pose[:3, :3] + pose[:3, 3]), "transposed"),
         (lambda camera, pose, points: camera.project(points + pose[:3, 3]), "rotation is missing"),
+        (unshifted, "shift is missing"),
         (lambda camera, pose, points: project(camera, pose, points) + 1.0, "some pixels are off"),
         (lambda camera, pose, points: project(camera, pose, points).T, "one pixel (x, y) for each point"),
         (lambda camera, pose, points: np.full((len(points), 2), np.nan), "not finite"),

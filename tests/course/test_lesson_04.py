@@ -70,6 +70,11 @@ def summit(left: float, middle: float, right: float) -> float:
     return 0.5 * (left - right) / (left - 2.0 * middle + right)
 
 
+def assumes_full_brightness(left: float, _: float, right: float) -> float:
+    far, near = np.sqrt(-2.0 * np.log(left)), np.sqrt(-2.0 * np.log(right))
+    return float((far - near) / (far + near))
+
+
 def test_where_the_ridge_is() -> None:
     passes("04.3", summit)
 
@@ -81,6 +86,9 @@ def test_where_the_ridge_is() -> None:
         (lambda a, b, c: 0.5 * (a - c) / (a - 2.0 * b + c), "exponential"),
         (lambda a, b, c: (c - a) / (a + b + c), "centre of gravity"),
         (lambda a, b, c: 0, "whole pixels"),
+        (lambda a, b, c: 0.5 * 0.8**2 * np.log(c / a), "one width"),
+        (lambda a, b, c: (np.sqrt(-2 * np.log(a)) - np.sqrt(-2 * np.log(c))) / 2 * 0.8, "one width"),
+        (assumes_full_brightness, "1 at their brightest"),
         (lambda a, b, c: 2.0 * summit(a, b, c), "logarithms of the three"),
         (lambda a, b, c: None, "returns None"),
         ("0.31", "the function itself"),

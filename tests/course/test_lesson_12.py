@@ -63,6 +63,7 @@ def test_directional_distance() -> None:
         (lambda d, px: np.broadcast_to(d.min(0), d.shape), "any edge"),
         (without_the_seam, "next to the first"),
         (one_bin, "one bin to either side"),
+        (lambda d, px: one_bin(one_bin(d, px), px), "two bins to either side"),
         (lambda d, px: d + px, "no value can be larger"),
         (lambda d, px: 0.5 * d, "smallest over j"),
         (lambda d, px: d.min(0), "for each direction and pixel"),

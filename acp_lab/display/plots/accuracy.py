@@ -69,10 +69,13 @@ def draw_table(axes: Axes, table: Table, title: str) -> None:
     for place, row in enumerate(table.rows):
         colour = OBJECT_COLOURS[0] if place == 0 else UNKNOWN
         axes.plot([row.mean_2, row.mean_5], [place, place], "-", color=colour, linewidth=1.0, zorder=1)
-        axes.plot(row.mean_2, place, "o", color=colour, markersize=8.0)
-        axes.plot(row.mean_5, place, "o", color=colour, markersize=8.0, markerfacecolor="white", markeredgewidth=1.6)
-    axes.plot([], [], "o", color=UNKNOWN, label="within 2%")
-    axes.plot([], [], "o", color=UNKNOWN, markerfacecolor="white", markeredgewidth=1.6, label="within 5%")
+        # A hollow dot around a full one that hides it otherwise.
+        axes.plot(row.mean_5, place, "o", color=colour, markersize=10.0, markerfacecolor="white", markeredgewidth=1.6)
+        axes.plot(row.mean_2, place, "o", color=colour, markersize=6.0)
+    axes.plot([], [], "o", color=UNKNOWN, markersize=6.0, label="within 2%")
+    axes.plot(
+        [], [], "o", color=UNKNOWN, markersize=10.0, markerfacecolor="white", markeredgewidth=1.6, label="within 5%"
+    )
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.set_xlim(-0.03, 1.03)

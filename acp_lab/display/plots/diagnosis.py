@@ -118,10 +118,11 @@ def _draw_image(axes: Axes, diagnosis: Diagnosis) -> None:
     if evidence is not None:
         along = np.stack([-evidence.normals[:, 1], evidence.normals[:, 0]], 1)
         missing = ~evidence.found & ~diagnosis.hidden
+        where = ", outside that region" if diagnosis.hidden.any() else ""
         for rows, colour, label in (
-            (evidence.found & ~diagnosis.hidden, SKY, f"image edge within {NEAR_PX:g} px"),
-            (missing, GREY, "no image edge there"),
-            (diagnosis.hidden, VERMILLION, "missing in one region"),
+            (evidence.found & ~diagnosis.hidden, SKY, f"image edge within {NEAR_PX:g} px{where}"),
+            (missing, GREY, f"no image edge there{where}"),
+            (diagnosis.hidden, VERMILLION, "in one region: most are missing there"),
         ):
             share = f"{100.0 * float(np.mean(rows)):.0f}%: {label}" if len(rows) else label
             _draw_strokes(axes, evidence.points[rows], along[rows], colour, share)

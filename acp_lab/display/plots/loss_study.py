@@ -33,7 +33,7 @@ def draw_losses(value_axes: Axes, pull_axes: Axes, forms: Sequence[LossForm], al
         loss = edge_loss(form, distances, alpha_px)
         for axes, values in ((value_axes, loss.values), (pull_axes, loss.derivatives)):
             axes.plot(distances, values / np.nanmax(np.abs(values)), color=FORM_COLOURS[form], label=form)
-    for axes, name in ((value_axes, "e(D), share of the largest"), (pull_axes, "pull e'(D), share of the largest")):
+    for axes, name in ((value_axes, "ρ(D), share of the largest"), (pull_axes, "pull ρ'(D), share of the largest")):
         _mark_alpha(axes, alpha_px)
         axes.set_xlabel("distance D to the nearest image edge [px]")
         axes.set_ylabel(name)

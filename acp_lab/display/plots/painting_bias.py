@@ -35,5 +35,5 @@ def draw_painting_bias(axes: Axes, bias: PaintingBias, towards: GeneratedEdges |
         axes.invert_yaxis()
     axes.figure.colorbar(dots, ax=axes, label="off, outwards [px]")
     axes.set_title(
-        f"{bias.mean_off_px:.2f} px off; the pose it shows is {100 * bias.add_share:.2f}% of the diameter off"
+        f"{bias.mean_off_px:.2f} px off,\nthe pose it shows is {100 * bias.add_share:.2f}% of the diameter off"
     )

@@ -2,7 +2,7 @@
 
 A metal part's reflections move, but from one frame to the next an edge mostly keeps its contrast, its
 sign and the grey levels at its two sides. A candidate that agrees with what the sample showed before
-counts fully, one that contradicts it is weakened, never excluded.
+counts fully, one that contradicts it is weakened; which weak ones are left out is for the search to say.
 """
 
 from __future__ import annotations

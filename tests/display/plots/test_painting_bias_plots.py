@@ -21,5 +21,5 @@ def test_outwards_is_positive_whichever_way_a_normal_points() -> None:
     draw_painting_bias(axes, bias, edges)
     (dots,) = [item for item in axes.collections if item.get_array() is not None and len(item.get_array()) == 4]
     np.testing.assert_allclose(dots.get_array(), 0.25)
-    assert axes.get_title() == "0.25 px off; the pose it shows is 1.23% of the diameter off"
+    assert axes.get_title() == "0.25 px off,\nthe pose it shows is 1.23% of the diameter off"
     assert axes.yaxis_inverted()
