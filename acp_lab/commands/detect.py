@@ -180,7 +180,7 @@ def _scene_jobs(options: DetectOptions) -> list[DetectJob]:
     ids = dict.fromkeys(options.scenes or dataset.scenes(options.split))
     jobs = []
     for scene_id in ids:
-        scene = dataset.open_scene(scene_id, options.split)
+        scene = dataset.open_scene(scene_id, options.split, asked=())  # of the truth, ids alone
         models = {
             object_id: shelf.part(dataset.part_path(object_id)) for object_id in _objects(dataset, scene, options)
         }

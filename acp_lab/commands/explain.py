@@ -265,7 +265,7 @@ def _tracked(
             f"{results}: nothing beside it says what was tracked: name the data set with --dataset DIR; {_IN_PYTHON}"
         )
     opened = BopDataset(dataset)
-    scene = opened.open_scene(scene_id, str(tracked.get("split", "test")))
+    scene = opened.open_scene(scene_id, str(tracked.get("split", "test")), asked=ids)
     return scene, {object_id: opened.part(object_id) for object_id in sorted(ids)}
 
 

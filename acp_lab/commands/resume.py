@@ -1,7 +1,8 @@
 """`acp-lab track --resume`: go on after the rows that a stopped run left, if everything it read is the same.
 
 Rows stand in the order of tracking, so a file that was cut off is a whole run up to some frame. The tracker starts
-anew in the last frame whose rows are whole, from their poses; what it had learnt of the part's look is not kept.
+anew in the last frame in which no object was lost, from the poses of its rows: that of a lost part is no start. What it
+had learnt of the part's look is not kept.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence as Frames
 from acp_lab.sequences.rest import RestOfSequence
 from acp_lab.sequences.results_csv import KeptRows, ResultRow, rows_with_ends, run_info_path
+from acp_lab.tracking.result import TrackState
+from acp_lab.tracking.states import StateConfig, StateMachine
 
 ANEW = "give --out another name, or run without --resume, which replaces these rows"
 
@@ -37,7 +40,7 @@ class Resumption:
         done: ids of the scenes that are complete.
         scene_id, im_id: the image whose rows are the last ones kept, of the scene that is not; None between scenes.
         starts: (4, 4) cam_T_obj by object id in that image.
-        again: how many whole frames stand behind it and are tracked again, as an object was not seen in any of them.
+        again: how many whole frames stand behind it and are tracked again, as an object was lost or not seen in each.
         rows: those that are kept. info: what results.run.json said of the run that made them.
     """
 
@@ -74,7 +77,7 @@ class Resumption:
         if not is_left:
             return "--resume: all frames have their rows already, nothing is tracked"
         frames = "1 frame" if self.again == 1 else f"{self.again} frames"
-        again = f"; tracks {frames} again in which not all objects were seen" if self.again else ""
+        again = f"; tracks {frames} again in which an object was lost or not seen" if self.again else ""
         if self.im_id is None:
             scenes = f"scene{'s'[: len(self.done) != 1]} {', '.join(map(str, sorted(self.done)))}"
             return f"--resume: {scenes} {'has its' if len(self.done) == 1 else 'have their'} rows already{again}"
@@ -98,9 +101,11 @@ def inputs_of(jobs: Sequence[SceneJob], parts: Path, configuration: Any) -> dict
 
 
 def resumption(
-    results: Path, jobs: Sequence[SceneJob], inputs: Mapping[str, str], max_frames: int | None
+    results: Path, jobs: Sequence[SceneJob], inputs: Mapping[str, str], max_frames: int | None, states: StateConfig
 ) -> Resumption | None:
     """Where to go on with a results file; None to begin anew, where it has no whole rows.
+
+    states: of the method, for which objects were lost when.
 
     Raises:
         InputFileError: it was made from something else, cannot be read, or has a scene that ends too early and is not
@@ -125,6 +130,7 @@ def resumption(
     done: set[int] = set()
     before: int | None = None
     frames = 0
+    states_of: dict[int, StateMachine] = {}
     for (scene_id, im_id), group in groupby(rows, key=lambda row: row[0].key[:2]):
         of_frame = tuple(group)
         if before not in (None, scene_id, *done):  # its rest would come behind another scene, or twice
@@ -132,22 +138,35 @@ def resumption(
                 f"{results}: cannot be resumed: scene {before} ends after {frames} frames, and scene {scene_id} "
                 f"follows: it was run with another --max-frames or order of scenes: {ANEW}"
             )
+        states_of = states_of if scene_id == before else {}
         before, frames = scene_id, frames + 1 if scene_id == before else 1
         if scene_id not in by_scene or im_id not in by_scene[scene_id].sequence.frame_ids:
             raise InputFileError(f"{results}: has scene {scene_id}, image {im_id}, which is not tracked: {ANEW}")
         found, job = tuple(row for row, _ in of_frame), by_scene[scene_id]
         if {row.obj_id for row in found} != set(job.starts):
             break  # cut off within the frame
+        for row in found:
+            if row.obj_id in states_of:
+                states_of[row.obj_id].update(row.score)
+            else:
+                states_of[row.obj_id] = StateMachine(states)
+                states_of[row.obj_id].begin(row.score)
         if im_id == job.sequence.frame_ids[:max_frames][-1]:
             done.add(scene_id)
             last = Resumption(KeptRows(of_frame[-1][1], length), frozenset(done))
-        elif all(row.score > 0.0 for row in found):  # the part was seen, so that a tracker can start there
+        elif all(_is_a_start(row, states_of[row.obj_id]) for row in found):
             last = Resumption(KeptRows(of_frame[-1][1], length), frozenset(done), scene_id, im_id, _poses(found))
         elif last is not None:
             last = replace(last, again=last.again + 1)
     return (
         None if last is None else replace(last, rows=tuple(r for r, end in rows if end <= last.file.end), info=info)
     )
+
+
+def _is_a_start(row: ResultRow, states: StateMachine) -> bool:
+    """Whether the object was seen there: one that is followed above where it counts as lost, one that is lost again."""
+    config = states.config
+    return row.score > max(0.0, config.found_above if states.state is TrackState.LOST else config.lost_below)
 
 
 def _by_scene(results: Path, jobs: Sequence[SceneJob]) -> dict[int, SceneJob]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from acp_lab.prepared_part import PreparedPart
     from acp_lab.sequences.bop import BopDataset, BopScene
     from acp_lab.sequences.protocol import Sequence
+    from acp_lab.sequences.results_csv import ResultRow
 
 DEFAULT_METHOD = "acp"
 _MOST_NOISE_MM = 1e4
@@ -214,7 +215,8 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
     assert options.dataset is not None
     dataset = BopDataset(options.dataset)
     ids = dict.fromkeys(options.scenes or dataset.scenes(options.split))
-    scenes = [dataset.open_scene(scene_id, options.split) for scene_id in ids]
+    asked = options.objects or None
+    scenes = [dataset.open_scene(scene_id, options.split, asked) for scene_id in ids]
     if options.init == "auto":
         return _found_jobs(options, dataset, scenes, shelf)
     sequences = [_from_first_start(options, scene) for scene in scenes]
@@ -240,7 +242,14 @@ def _from_first_start(options: TrackOptions, sequence: Sequence) -> Sequence:
         tells_images = options.init not in (None, "gt", "auto") and (not options.video or init.suffix.lower() == ".csv")
         if not tells_images or not sequence.frame_ids:  # a live camera announces none: from its first on
             return sequence
-        first = first_start(init, sequence.scene_id, sequence.frame_ids)
+        start = first_start(init, sequence.scene_id, sequence.frame_ids, (1,) if options.video else options.objects)
+        first = start.frame_id
+        if start.later:
+            others = ", ".join(map(str, start.later))
+            console.warn_on_success(
+                f"scene {sequence.scene_id}: starts in image {first}; object {others} is not tracked: {init} has start "
+                "poses of it in later images only: track it on its own with --object"
+            )
         if first == sequence.frame_ids[0]:
             return sequence
         console.note(f"scene {sequence.scene_id}: starts in image {first}, the first with start poses in {init}")
@@ -249,7 +258,7 @@ def _from_first_start(options: TrackOptions, sequence: Sequence) -> Sequence:
 
 def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob:
     from acp_lab.geometry.camera import Camera
-    from acp_lab.sequences import open_images, read_pose, start_poses
+    from acp_lab.sequences import open_images, read_pose, start_rows
 
     assert options.mesh is not None
     assert options.camera is not None
@@ -261,10 +270,11 @@ def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob
     init = Path(options.init)
     if init.suffix.lower() == ".csv":
         first = next(iter(sequence.frame_ids), 0)
-        poses = start_poses(init, sequence.scene_id, first)
-        if 1 not in poses:
+        rows = start_rows(init, sequence.scene_id, first)
+        if 1 not in rows:
             raise SequenceError(f"{init}: no row for scene 1, image {first}, object 1: a video shows object 1")
-        starts = {1: poses[1]}
+        _warn_of_doubtful(options, [rows[1]])
+        starts = {1: rows[1].cam_T_obj}
     else:
         starts = {1: read_pose(init)}
     return _job(options, sequence, {1: options.mesh}, starts, shelf)
@@ -317,16 +327,30 @@ def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatAr
     """Start poses in a scene's first frame: its truth alone, never a later one's, or rows of a file."""
     if options.init in (None, "gt"):
         return scene.first_poses
-    from acp_lab.sequences import start_poses
+    from acp_lab.sequences import start_rows
 
-    starts = start_poses(str(options.init), scene.scene_id, scene.frame_ids[0])
+    starts = start_rows(str(options.init), scene.scene_id, scene.frame_ids[0])
     for object_id in scene.object_ids:  # of the truth in the first frame, where there is any
         if object_id not in starts and (not options.objects or object_id in options.objects):
             raise SequenceError(
                 f"{options.init}: no row for scene {scene.scene_id}, image {scene.frame_ids[0]}, object {object_id}: "
                 "add its start pose, or choose others with --object"
             )
-    return starts
+    _warn_of_doubtful(options, [row for i, row in starts.items() if not options.objects or i in options.objects])
+    return {object_id: row.cam_T_obj for object_id, row in starts.items()}
+
+
+def _warn_of_doubtful(options: TrackOptions, starts: Iterable[ResultRow]) -> None:
+    """Of start poses that acp-lab detect, if it wrote them, does not call found; below 0 is no score."""
+    from acp_lab.tracking.find import ACCEPTED
+
+    for row in starts:
+        if 0.0 <= row.score < ACCEPTED:
+            console.warn_on_success(
+                f"{options.init}: scene {row.scene_id}, image {row.im_id}, object {row.obj_id}: its start pose has a "
+                f"score of {row.score:.2f}; acp-lab detect calls a part found from {ACCEPTED:g} on: look whether it is "
+                "there"
+            )
 
 
 def start_source(job: SceneJob, options: TrackOptions) -> str:

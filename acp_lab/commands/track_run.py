@@ -231,7 +231,7 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
     generators = {name: Tracker(model, method).generator_name for name, model in parts.items()}
     info = _run_info(parts, generators, method, options)
     info["inputs"] = inputs_of(jobs, options.parts, info["configuration"])
-    go_on = resumption(options.out, jobs, info["inputs"], options.max_frames) if options.resume else None
+    go_on = resumption(options.out, jobs, info["inputs"], options.max_frames, method.states) if options.resume else None
     before = {} if go_on is None else {job.sequence.scene_id: seen_before(go_on, job, method.states) for job in jobs}
     if go_on is not None:
         info |= {name: go_on.kept(name) for name in ("searches", "unreadable")}

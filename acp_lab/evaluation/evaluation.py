@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
@@ -138,7 +138,8 @@ def evaluate(results: Results, truth: BopScene | BopDataset | str | Path, split:
                 f"results of scene {scene_id}: the scene given is {only_scene}: give the data set instead"
             )
         if scene_id not in truths:
-            truths[scene_id] = _SceneFrames.read(dataset, scene_id, split)
+            scored_ids = {of_object for of_scene, of_object in by_object if of_scene == scene_id}
+            truths[scene_id] = _SceneFrames.read(dataset, scene_id, split, scored_ids)
         poses = truths[scene_id].evaluated(object_id, rows)
         if object_id not in parts:
             parts[object_id] = dataset.part(object_id)
@@ -175,9 +176,9 @@ class _SceneFrames:
     truth: SceneTruth
 
     @classmethod
-    def read(cls, dataset: BopDataset, scene_id: int, split: str) -> _SceneFrames:
+    def read(cls, dataset: BopDataset, scene_id: int, split: str, asked: Collection[int]) -> _SceneFrames:
         folder = dataset.scene_folder(scene_id, split)
-        return cls(folder, tuple(image_files(folder)), SceneTruth.from_file(folder / "scene_gt.json"))
+        return cls(folder, tuple(image_files(folder)), SceneTruth.from_file(folder / "scene_gt.json", asked))
 
     def evaluated(self, object_id: int, rows: dict[int, ResultRow]) -> dict[int, FloatArray]:
         """Truth by image id of the frames to score: all but the first; SequenceError for rows without

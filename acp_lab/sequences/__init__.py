@@ -8,7 +8,7 @@ from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, open_
 from acp_lab.sequences.json_file import read_pose, write_pose
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence
-from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, first_start, read_results, start_poses
+from acp_lab.sequences.results_csv import ResultRow, ResultsWriter, first_start, read_results, start_poses, start_rows
 
 __all__ = [
     "BopDataset",
@@ -28,5 +28,6 @@ __all__ = [
     "read_pose",
     "read_results",
     "start_poses",
+    "start_rows",
     "write_pose",
 ]

@@ -12,7 +12,7 @@ Source of the format: BOP toolkit, docs/bop_datasets_format.md.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -94,9 +94,9 @@ class BopDataset:
             )
         return folders[scene_id]
 
-    def open_scene(self, scene_id: int, split: str = "test") -> BopScene:
-        """A scene as a sequence; errors as in `BopScene`."""
-        return BopScene(self.scene_folder(scene_id, split))
+    def open_scene(self, scene_id: int, split: str = "test", asked: Collection[int] | None = None) -> BopScene:
+        """A scene as a sequence; asked, and errors, as in `BopScene`."""
+        return BopScene(self.scene_folder(scene_id, split), asked=asked)
 
     @cached_property
     def _infos(self) -> dict[int, PartInfo]:
@@ -124,18 +124,23 @@ class BopScene:
     Reads everything but the images when it is opened, and of the images the first, for its size.
     Raises InputFileError for files that are missing or malformed, a first image that cannot be read, and
     intrinsics that do not fit the image; SequenceError for a scene without images or with two instances of
-    one object. A scene without scene_gt.json opens: only asking for its first poses fails.
+    one object that is asked for. A scene without scene_gt.json opens: only asking for its first poses fails.
     """
 
-    def __init__(self, folder: str | Path, truth: SceneTruth | None = None) -> None:
-        """truth: instead of scene_gt.json, as that of one of several instances (`scene_truth.instance_truths`)."""
+    def __init__(
+        self, folder: str | Path, truth: SceneTruth | None = None, asked: Collection[int] | None = None
+    ) -> None:
+        """truth: instead of scene_gt.json, as that of one of several instances (`scene_truth.instance_truths`).
+
+        asked: objects whose true poses will be asked for, None for all; see `SceneTruth.from_file`.
+        """
         self.folder = Path(folder)
         self.scene_id = _scene_id(self.folder)
         self.image_paths = image_files(self.folder)
         self.frame_ids: tuple[int, ...] = tuple(self.image_paths)
         self.ground_truth = truth
         if truth is None and (self.folder / "scene_gt.json").exists():
-            self.ground_truth = SceneTruth.from_file(self.folder / "scene_gt.json")
+            self.ground_truth = SceneTruth.from_file(self.folder / "scene_gt.json", asked)
         first_path = self.image_paths[self.frame_ids[0]]
         first, self._coding = read_first(first_path, PixelCoding.beside(first_path.parent))
         height, width = first.shape[:2]

@@ -10,7 +10,7 @@ Source of the format: BOP challenge, "Format of results". Numbers are written so
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from io import SEEK_END, FileIO
@@ -216,7 +216,12 @@ def rows_with_ends(path: Path) -> tuple[tuple[ResultRow, int], ...]:
 
 
 def start_poses(path: str | Path, scene_id: int, frame_id: int) -> dict[int, FloatArray]:
-    """cam_T_obj (4, 4) by object id that a results file (POSES.csv) tells for one image.
+    """cam_T_obj (4, 4) by object id that a results file (POSES.csv) tells for one image; see `start_rows`."""
+    return {object_id: row.cam_T_obj for object_id, row in start_rows(path, scene_id, frame_id).items()}
+
+
+def start_rows(path: str | Path, scene_id: int, frame_id: int) -> dict[int, ResultRow]:
+    """By object id, rising, the row that a results file (POSES.csv) has for one image.
 
     A detector writes several poses of one object, such as `acp-lab detect` does; the one with the highest score counts,
     of equals the first. Raises InputFileError for a file that is missing or malformed, SequenceError when the image is
@@ -231,22 +236,40 @@ def start_poses(path: str | Path, scene_id: int, frame_id: int) -> dict[int, Flo
     for row in rows:
         if row.obj_id not in best or row.score > best[row.obj_id].score:
             best[row.obj_id] = row
-    return {object_id: best[object_id].cam_T_obj for object_id in sorted(best)}
+    return dict(sorted(best.items()))
 
 
-def first_start(path: str | Path, scene_id: int, frame_ids: Sequence[int]) -> int:
+@dataclass(frozen=True)
+class FirstStart:
+    """frame_id: the earliest image with start poses. later: the objects that have some in later images only."""
+
+    frame_id: int
+    later: tuple[int, ...] = ()
+
+
+def first_start(
+    path: str | Path, scene_id: int, frame_ids: Sequence[int], objects: Collection[int] = ()
+) -> FirstStart:
     """The earliest of a scene's images for which a results file (POSES.csv) tells start poses.
 
-    Raises InputFileError for a file that is missing or malformed, SequenceError when it tells none.
+    objects: whose, empty for all. Raises InputFileError for a file that is missing or malformed, SequenceError when it
+    tells none.
     """
-    told = {row.im_id for _, row in _read_lines(Path(path)) if row.scene_id == scene_id}
-    first = min(told.intersection(frame_ids), default=None)
-    if first is None:
+    shown = set(frame_ids)
+    told = {
+        (row.im_id, row.obj_id)
+        for _, row in _read_lines(Path(path))
+        if row.scene_id == scene_id and row.im_id in shown and (not objects or row.obj_id in objects)
+    }
+    if not told:
+        whose = f" and object {', '.join(map(str, objects))}" if objects else ""
         raise SequenceError(
-            f"{path}: no row for an image of scene {scene_id}, the first of which is {frame_ids[0]}: add the start "
-            "poses of its objects"
+            f"{path}: no row for an image of scene {scene_id}{whose}, the first image of which is {frame_ids[0]}: add "
+            "the start poses of its objects"
         )
-    return first
+    first, _ = min(told)
+    in_first = {object_id for frame_id, object_id in told if frame_id == first}
+    return FirstStart(first, tuple(sorted({object_id for _, object_id in told} - in_first)))
 
 
 def _read_rows(path: Path, lines: Iterable[str]) -> list[tuple[int, ResultRow]]:

@@ -6,7 +6,7 @@ Source of the format: BOP toolkit, docs/bop_datasets_format.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -28,15 +28,16 @@ class SceneTruth:
         """Every object that some image shows."""
 
     @classmethod
-    def from_file(cls, path: Path) -> SceneTruth:
+    def from_file(cls, path: Path, asked: Collection[int] | None = None) -> SceneTruth:
         """Read scene_gt.json whole.
 
+        asked: objects whose poses are asked for, None for all; of others only their ids are to be relied on.
         Raises InputFileError when it is missing or malformed, SequenceError when an image shows two instances
-        of one object: nothing could tell their tracks apart.
+        of an object that is asked for: nothing could tell their tracks apart.
         """
         poses: dict[tuple[int, int], FloatArray] = {}
         for frame_id, object_id, pose in _entries(path):
-            if (frame_id, object_id) in poses:
+            if (frame_id, object_id) in poses and (asked is None or object_id in asked):
                 raise SequenceError(
                     f"{path}: image {frame_id} shows object {object_id} more than once: give the instances different "
                     "ids, or drop one"

@@ -89,8 +89,25 @@ def test_frames_without_sight_are_tracked_again(
     out = cut(tmp_path / "whole.csv", tmp_path / "cut.csv", 3 * PER_FRAME)
     outcome = track(capsys, dataset, parts, out, "--resume")
     assert outcome.status == 0
-    assert "image 2, from its pose; tracks 1 frame again in which not all objects were seen" in outcome.err
+    assert "image 2, from its pose; tracks 1 frame again in which an object was lost or not seen" in outcome.err
     assert keys(out) == keys(tmp_path / "whole.csv")
+
+
+def test_the_pose_of_a_lost_part_is_no_start(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path
+) -> None:
+    """Its last rows have a score, though a low one: the tracker would take their pose for one that was given."""
+    lines = whole.read_text().splitlines(keepends=True)
+    for line in (1 + 2 * PER_FRAME, 1 + 3 * PER_FRAME):  # of the first object, in the last two frames that are kept
+        scene_id, im_id, object_id, _, *others = lines[line].split(",")
+        lines[line] = ",".join((scene_id, im_id, object_id, "0.070000", *others))
+    whole.write_text("".join(lines))
+    out = cut(whole, tmp_path / "cut.csv", 4 * PER_FRAME)
+    outcome = track(capsys, dataset, parts, out, "--resume")
+    assert outcome.status == 0
+    assert f"image {FRAME_IDS[1]}, from its pose; tracks 2 frames again" in outcome.err
+    assert keys(out) == keys(whole)
+    assert all(row.score > 0.5 for row in read_results(out))
 
 
 def test_what_the_run_before_saw_is_not_forgotten(

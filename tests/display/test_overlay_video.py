@@ -12,7 +12,7 @@ from acp_lab.display.colours import OBJECT_COLOURS, lighter, to_bytes
 from acp_lab.display.replay.budget import SizeBudget
 from acp_lab.display.replay.file import ReplayContent, check_replay, read_replay
 from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, shown_frames
-from acp_lab.display.replay.overlay_video import BACKGROUND, _decode, _drawn, _Panel, write_film
+from acp_lab.display.replay.overlay_video import BACKGROUND, _decode, _drawn, _Panel, in_step, write_film
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
 from tests.display.made_run import FRAME_IDS, UNREADABLE_ID, frames, play, result
@@ -115,6 +115,16 @@ def test_an_object_is_shown_only_in_scenes_that_have_it(tmp_path: Path) -> None:
     assert states[:count] == ["tracking", "tracking", "lost", "tracking"]
     assert states[count:] == [""] * count
     assert [frame.objects["obj_000001"].state for frame in shown] == states[:count] * 2
+
+
+def test_the_same_images_stand_beside_each_other() -> None:
+    assert in_step([[4, 5, 9]]) == [(0,), (1,), (2,)]
+    assert in_step([[4, 5, 9], [4, 5, 9]]) == [(0, 0), (1, 1), (2, 2)]
+    assert in_step([[4, 5, 6, 7], [6, 7]]) == [(0, 0), (1, 0), (2, 0), (3, 1)]  # a run that went on behind another
+    assert in_step([[4, 5], [4, 5, 6]]) == [(0, 0), (1, 1), (1, 2)]
+    assert in_step([[0, 1, 2, 3, 4], [0, 2, 4]]) == [(0, 0), (1, 0), (2, 1), (3, 1), (4, 2)]
+    assert in_step([[0, 1, 0, 1], [0, 1]]) == [(0, 0), (1, 1), (2, 1), (3, 1)]  # two scenes, and the first of them
+    assert in_step([[1, 2], [7, 8, 9]]) == [(0, 0), (1, 1), (1, 2)]
 
 
 def test_two_runs_beside_each_other(tmp_path: Path) -> None:

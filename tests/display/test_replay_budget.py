@@ -57,6 +57,19 @@ def test_data_end_where_they_alone_are_too_much() -> None:
     assert 50.0 + 5.0 * (data_end + frames_together(data_end)) <= 1_000.0
 
 
+def test_large_images_neither_pass_the_limit_nor_take_the_room_of_data() -> None:
+    """Of 1500 kB each in a file of 5 MB; data are sent ten frames together, and known from then on."""
+    budget, images, sent_kb = SizeBudget(5e6), 0, 50.0
+    for frame in range(1, 31):
+        images += budget.images_end is None
+        sent = frame // 10 * 10
+        sent_kb = 50.0 + 60.0 * sent
+        budget.spend(frame, sent, KB * sent_kb, KB * 1500.0 * images, 30 - frame)
+        assert sent_kb + 1500.0 * images < 5_000.0
+    assert images == budget.images_end == 1
+    assert budget.data_end is None
+
+
 def test_half_the_room_where_nobody_knows_how_many_come() -> None:
     images_end, data_end = ends(3_000.0, image_kb=10.0, data_kb=5.0, frames=10_000, known=False)
     assert images_end is not None

@@ -1,7 +1,7 @@
 """How large a replay may become: images are dropped before data, and data before the limit is passed.
 
-Images are most of a replay. They stop when the file would not have room for the data of all frames to come; where
-nobody knows how many come, when half the room is taken.
+Images are most of a replay. They stop when, after one more, the file would not have room for the data of all frames to
+come; where nobody knows yet how many come, or how much their data take, when half the room is taken.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ class SizeBudget:
         per_frame = (data_bytes - self._fixed_bytes) / sent if sent else 0.0
         free = USED_AT_MOST * self.most_bytes - data_bytes - image_bytes - per_frame * (frame - sent)
         left = frames_together(frame) if frames_left is None else frames_left
-        needed = _UNKNOWN_SHARE * self.most_bytes if frames_left is None else _SLACK * per_frame * frames_left
-        if self.images_end is None and free < needed:
+        is_known = frames_left is not None and sent > 0
+        needed = _SLACK * per_frame * left if is_known else _UNKNOWN_SHARE * self.most_bytes
+        if self.images_end is None and free - image_bytes / max(frame, 1) < needed:
             self.images_end = frame
         if self.data_end is None and free < per_frame * min(frames_together(frame), left):
             self.data_end = frame

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -85,22 +86,39 @@ def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress
         raise AcpLabError(f"{path}: films need PyAV: pip install av") from None
     _check_replaces_film(path)
     panels = [_panel(content, "AB"[order] if len(contents) > 1 else "") for order, content in enumerate(contents)]
-    count = max(len(panel.frames) for panel in panels)
+    numbers = in_step([[frame.image_id for frame in panel.frames] for panel in panels])
     options = {"movflags": "+faststart"}
     with replacing(path, "the film") as part, av.open(str(part), "w", format="mp4", options=options) as film:
         film.metadata["comment"] = _MADE_BY
         rate = Fraction(fps_of(panels[0].frames)).limit_denominator(1000)
         stream = film.add_stream("libx264", rate=rate, options={"crf": str(CRF), "preset": "veryfast"})
         stream.pix_fmt = "yuv420p"
-        for number in range(count):
-            picture = _even(_joined([_drawn(panel, number) for panel in panels]))
-            if number == 0:
+        for done, of_panels in enumerate(numbers, 1):
+            picture = _even(_joined([_drawn(panel, number) for panel, number in zip(panels, of_panels, strict=True)]))
+            if done == 1:
                 stream.height, stream.width = picture.shape[:2]
             film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
             if progress is not None:
-                progress("film", number + 1, count)
+                progress("film", done, len(numbers))
         film.mux(stream.encode(None))
-    return count
+    return len(numbers)
+
+
+def in_step(image_ids: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
+    """Which frame of each of one or two films is shown when, by the ids of their images.
+
+    The same images stand beside each other; where one film lacks some, as that of a run which went on behind another
+    does, it waits: in its last frame before, or in its first.
+    """
+    first, *others = image_ids
+    if not others:
+        return [(number,) for number in range(len(first))]
+    (second,) = others
+    shown: list[tuple[int, ...]] = []
+    for _, begin_1, end_1, begin_2, end_2 in SequenceMatcher(None, first, second, autojunk=False).get_opcodes():
+        for step in range(max(end_1 - begin_1, end_2 - begin_2)):
+            shown.append((max(min(begin_1 + step, end_1 - 1), 0), max(min(begin_2 + step, end_2 - 1), 0)))
+    return shown
 
 
 def _check_replaces_film(path: Path) -> None:
@@ -129,8 +147,7 @@ def _panel(content: ReplayContent, title: str) -> _Panel:
 
 
 def _drawn(panel: _Panel, number: int) -> ByteImage:
-    """Frame `number` of a panel, or its last one, with its captions below."""
-    number = min(number, len(panel.frames) - 1)
+    """Frame `number` of a panel, with its captions below."""
     frame = panel.frames[number]
     picture, place = _ground(panel, number)
     for order, name in enumerate(panel.names):
