@@ -92,9 +92,16 @@ def check_replaces_own(path: Path, beginning: bytes, writer: str, kind: str) -> 
         writer: whoever would replace it, such as "--out"; kind: such as "results".
 
     Raises:
-        InputFileError: the file begins otherwise, or is none.
+        InputFileError: the file begins otherwise, or is none, or that is no name of a file.
     """
-    if path.exists():
+    try:
+        is_there, is_name = path.exists(), bool(path.name) and "\0" not in str(path)
+    except OSError:  # too long a name
+        is_there = is_name = False
+    if not is_name:
+        shown = str(path).replace("\0", "?")
+        raise InputFileError(f"{shown[:80]}: no file can have that name: choose another one for {writer}")
+    if is_there:
         check_regular(path, f"give {writer} another place", math.inf)
     if not path.is_file():
         return

@@ -51,6 +51,8 @@ def only_writer(path: Path, what: str = "the file") -> Iterator[None]:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
+        if not Path(lock.lock_file).exists():  # as in /proc, where no file can be made
+            raise InputFileError(f"{path}: {what} cannot be written there: choose another place") from None
         raise InputFileError(
             f"{path}: another acp-lab is writing {what}: wait until it is done, or choose another place"
         ) from None

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from acp_lab.errors import InputFileError
-from acp_lab.files import remove_leftovers, replacing, staged, write_changed, write_whole
+from acp_lab.files import check_replaces_own, remove_leftovers, replacing, staged, write_changed, write_whole
 
 
 def names(folder: Path) -> list[str]:
@@ -23,6 +23,14 @@ def test_a_file_is_made_with_its_folder_and_then_replaced(tmp_path: Path) -> Non
     write_whole(path, b"then")
     assert path.read_bytes() == b"then"
     assert names(path.parent) == ["a.bin"]
+
+
+@pytest.mark.parametrize("name", ["", "a" * 300, "a\0b"])
+def test_what_is_no_name_of_a_file_is_told(name: str) -> None:
+    with pytest.raises(InputFileError, match="no file can have that name") as error:
+        check_replaces_own(Path(name), b"", "the results", "results")
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 200
 
 
 def test_the_old_file_stays_until_the_end(tmp_path: Path) -> None:

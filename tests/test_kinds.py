@@ -20,6 +20,7 @@ from acp_lab.geometry.pose import make_pose
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.part_size import for_size
 from acp_lab.tracking.priors import MotionPrior
+from acp_lab.tracking.session import track_sequence
 from tests.prepared_sample import sample_model, sample_scene
 
 BENT = acp.Camera(640, 480, 600, 600, 320, 240, (0.1, 0.0, 0.0, 0.0, 0.0))
@@ -38,6 +39,25 @@ WRONG: dict[str, tuple[Any, str]] = {
     "run of a path": (
         lambda: acp.Tracker(sample_model()).run("data/test/000001", start=np.eye(4)),  # type: ignore[arg-type]
         "data/test/000001: is a path, no sequence: give acp.open_sequence",
+    ),
+    "one tracker for two parts": (
+        lambda: track_sequence(
+            dict.fromkeys((1, 2), acp.Tracker(sample_model())), sample_scene(), dict.fromkeys((1, 2), np.eye(4))
+        ),
+        "one tracker for several objects: make one for each",
+    ),
+    "starts": (
+        lambda: track_sequence({1: acp.Tracker(sample_model())}, sample_scene(), [np.eye(4)]),  # type: ignore[arg-type]
+        "starts is a list, no Mapping: give a dictionary by object id",
+    ),
+    "live": (lambda: acp.live(sample_model(), None), "camera is a NoneType, no Camera"),  # type: ignore[arg-type]
+    "live from a file": (
+        lambda: acp.live(sample_model(), sample_scene().camera(0), start="POSE.json"),  # type: ignore[arg-type]
+        r"start = 'POSE.json': give 'find', or a pose, such as acp.read_pose\('POSE.json'\)",
+    ),
+    "live from no pose": (
+        lambda: acp.live(sample_model(), sample_scene().camera(0), start=[[1, 2], [3]]),  # type: ignore[arg-type]
+        "start: no pose of shape",
     ),
     "detect": (
         lambda: acp.detect(sample_model(), sample_scene().frame(0).image),  # type: ignore[union-attr]

@@ -25,6 +25,12 @@ with only_writer(Path(sys.argv[1])):
 """
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a place where no file can be made, such as /proc")
+def test_a_place_where_no_file_can_be_made_has_no_other_writer() -> None:
+    with pytest.raises(InputFileError, match="cannot be written"), only_writer(Path("/proc/results.csv")):
+        pass
+
+
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 

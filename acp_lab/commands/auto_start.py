@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from acp_lab.commands import console, interrupt
-from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.prepared_part import PreparedPart
@@ -24,11 +23,10 @@ class FoundStart:
     poses: Mapping[int, FloatArray]
 
 
-def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[FoundStart]:
+def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> tuple[list[FoundStart], str]:
     """For each object the first of `FRAMES_TO_TRY` frames in which it is found, those of one frame together.
 
-    Raises:
-        SequenceError: an object is found in none of them.
+    And one line on those that are found in none of them; empty where all were found.
     """
     from acp_lab.tracking.find import Finder
     from acp_lab.tracking.first_pose import FirstPose
@@ -48,17 +46,17 @@ def find_starts(sequence: Sequence, models: Mapping[int, PreparedPart]) -> list[
             starts.append(FoundStart(frame.index, poses))
             console.note(f"scene {sequence.scene_id}: found in image {frame.index}: object {_listed(poses)}")
         missing = {object_id: search for object_id, search in missing.items() if object_id not in poses}
-    if missing:
-        # All of them were looked for at these distances.
-        nearest, farthest = zip(*(_depths_mm(models[one], camera) for one in missing), strict=True)
-        near, far = max(nearest), min(farthest)
-        raise SequenceError(
-            f"--init auto: object {_listed(missing)} is not found in the first {frames} frames of {sequence.name}, "
-            f"{near:.0f} to {far:.0f} mm from the camera: give start poses by --init, a results file or for a video a "
-            "POSE.json, which notebook 10 sets with the mouse, or look at what acp-lab detect finds, elsewhere by "
-            "--depth-mm"
-        )
-    return starts
+    if not missing:
+        return starts, ""
+    # All of them were looked for at these distances.
+    nearest, farthest = zip(*(_depths_mm(models[one], camera) for one in missing), strict=True)
+    near, far = max(nearest), min(farthest)
+    return starts, (
+        f"--init auto: object {_listed(missing)} is not found in the first {frames} frames of {sequence.name}, "
+        f"{near:.0f} to {far:.0f} mm from the camera: give start poses by --init, a results file or for a video a "
+        "POSE.json, which notebook 10 sets with the mouse, or look at what acp-lab detect finds, elsewhere by "
+        "--depth-mm"
+    )
 
 
 def _depths_mm(model: PreparedPart, camera: Camera | None) -> tuple[float, float]:

@@ -265,7 +265,10 @@ def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob
     assert options.init is not None
     images = open_images(video, Camera.from_json(options.camera))
     if options.init == "auto":
-        return _job_found(options, images, {1: options.mesh}, shelf)[0]
+        jobs, lacks = _job_found(options, images, {1: options.mesh}, shelf)
+        if not jobs:
+            raise SequenceError(lacks)
+        return jobs[0]
     sequence = _from_first_start(options, images)
     init = Path(options.init)
     if init.suffix.lower() == ".csv":
@@ -302,25 +305,35 @@ def _found_jobs(
                 f"--object {object_id}: no truth of the images that --init auto looks at names it, the first "
                 f"{FRAMES_TO_TRY} of each scene: there are {', '.join(map(str, known))}"
             )
-    jobs = list[SceneJob]()
+    jobs, lacks = list[SceneJob](), list[str]()
     for scene in scenes:
         chosen = [i for i in wanted[scene.scene_id] if not options.objects or i in options.objects]
-        jobs += _job_found(options, scene, _meshes(dataset, chosen, shelf), shelf)
+        found, of_scene = _job_found(options, scene, _meshes(dataset, chosen, shelf), shelf)
+        jobs += found
+        lacks += [of_scene] if of_scene else []
+    is_asked = any(all(object_id not in job.starts for job in jobs) for object_id in options.objects)
+    if lacks and (not jobs or is_asked):
+        raise SequenceError(lacks[0])
+    for of_scene in lacks:  # the others are no worse for it
+        console.warn_on_success(f"{of_scene}; it is left out")
     return tuple(jobs)
 
 
 def _job_found(
     options: TrackOptions, sequence: Sequence, meshes: Mapping[int, Path], shelf: PartShelf
-) -> list[SceneJob]:
+) -> tuple[list[SceneJob], str]:
+    """Jobs for the objects that are found, and a line on those that are not."""
     from acp_lab.commands.auto_start import find_starts
     from acp_lab.sequences.rest import RestOfSequence
 
     models = {object_id: shelf.part(mesh) for object_id, mesh in meshes.items()}
     sequence = _from_first_start(options, sequence)
-    return [
+    starts, lacks = find_starts(sequence, models)
+    jobs = [
         _job(options, RestOfSequence(sequence, start.frame_id), {i: meshes[i] for i in start.poses}, start.poses, shelf)
-        for start in find_starts(sequence, models)
+        for start in starts
     ]
+    return jobs, lacks
 
 
 def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatArray]:

@@ -6,8 +6,8 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
@@ -18,7 +18,7 @@ from acp_lab.commands import console, interrupt, machine
 from acp_lab.commands.methods import chosen_method
 from acp_lab.commands.resume import Resumption, inputs_of, resumption
 from acp_lab.commands.track import SceneJob, TrackOptions, scene_jobs, start_source
-from acp_lab.errors import SequenceError, TrackingError
+from acp_lab.errors import PreparationError, SequenceError, TrackingError
 from acp_lab.machine import short_collections
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import PreparedPart
@@ -228,7 +228,12 @@ def run_jobs(jobs: Sequence[SceneJob], options: TrackOptions, extra: Sequence[Ob
     method = chosen_method(options.method_name, options.config)
     parts = {model.part.name: model for job in jobs for model in job.models.values()}
     # Before files are replaced: a part may lack the generator that the method needs.
-    generators = {name: Tracker(model, method).generator_name for name, model in parts.items()}
+    trackers = {name: Tracker(model, method) for name, model in parts.items()}
+    generators = {name: tracker.generator_name for name, tracker in trackers.items()}
+    for job in jobs:
+        for object_id, pose in job.starts.items():
+            with _named(job, options):
+                trackers[job.models[object_id].part.name].check_region(pose)
     info = _run_info(parts, generators, method, options)
     info["inputs"] = inputs_of(jobs, options.parts, info["configuration"])
     go_on = resumption(options.out, jobs, info["inputs"], options.max_frames, method.states) if options.resume else None
@@ -300,13 +305,18 @@ def _follow(
     seen, reporter = SummaryObserver(before), Reporter(min(count, most or count))
     trackers = {object_id: Tracker(model, method) for object_id, model in job.models.items()}
     observers = (listening[0], seen, reporter, *listening[1:])
-    try:
-        with short_collections():
-            follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
-    except TrackingError as error:
-        # Nothing but a start is refused.
-        raise TrackingError(f"{start_source(job, options)}: {error}") from None
+    with _named(job, options), short_collections():
+        follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
     return seen.objects
+
+
+@contextmanager
+def _named(job: SceneJob, options: TrackOptions) -> Iterator[None]:
+    """Say of a start that is refused, and nothing else is, where its pose comes from."""
+    try:
+        yield
+    except (PreparationError, TrackingError) as error:
+        raise type(error)(f"{start_source(job, options)}: {error}") from None
 
 
 def _replay(options: TrackOptions, path: Path, jobs: Sequence[SceneJob]) -> Replay:

@@ -18,6 +18,8 @@ from acp_lab.geometry.arrays import FloatArray
 
 ROTATION_TOLERANCE = 1e-3
 """How far R^T R may be from the identity before a matrix is refused: files round to 4-6 digits."""
+_ROUNDING = 1e-9
+"""A rotation that is off by no more is taken as it is."""
 
 _SMALL_RAD = 0.1
 """Below it, coefficients that cancel are taken from their series, exact to the last bit here."""
@@ -187,17 +189,23 @@ def check_rotation(matrix: FloatArray, where: str) -> FloatArray:
     return nearest
 
 
-def check_pose(matrix: FloatArray, where: str) -> None:
-    """GeometryError when a matrix is no pose (4, 4): see `check_rotation`; or its numbers are not finite."""
+def check_pose(matrix: FloatArray, where: str) -> FloatArray:
+    """A pose (4, 4) as its own array, with the rotation nearest to the given one, unless that is one but for rounding.
+
+    GeometryError when a matrix is no pose: see `check_rotation`; or its numbers are not finite.
+    """
     try:
-        pose = np.asarray(matrix, dtype=np.float64)
+        pose = np.array(matrix, dtype=np.float64, order="C")
     except (TypeError, ValueError):  # the name of a file, for example
         raise GeometryError(f"{where}: no pose of shape (4, 4): read one with read_pose('POSE.json')") from None
     if pose.shape != (4, 4) or not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)):
         raise GeometryError(f"{where}: no pose of shape (4, 4) that ends in 0 0 0 1: make one with make_pose")
-    check_rotation(pose[:3, :3], where)
+    nearest = check_rotation(pose[:3, :3], where)
     if not np.isfinite(pose).all():
         raise GeometryError(f"{where}: the translation is not finite: give three numbers in mm")
+    if np.abs(nearest - pose[:3, :3]).max() > _ROUNDING:
+        pose[:3, :3] = nearest
+    return pose
 
 
 def disturb_pose(

@@ -109,7 +109,7 @@ class LossSurface:
         image and for an alpha that is no such share.
         """
         check_frame(frame)
-        check_pose(cam_T_obj, f"{model.part.name}: the middle pose")
+        cam_T_obj = check_pose(cam_T_obj, f"{model.part.name}: the middle pose")
         if not 0.0 < alpha <= 1.0:
             raise TrackingError(f"landscape: alpha is {alpha:g}: give a share of the diameter above 0, such as 0.07")
         part, camera = model.part, frame.camera

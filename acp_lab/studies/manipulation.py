@@ -75,7 +75,7 @@ class ManipulationBench:
 
     def __init__(self, model: PreparedPart, camera: Camera, cam_T_obj: FloatArray) -> None:
         """cam_T_obj: (4, 4), of the reference view, from outside the part; else GeometryError."""
-        check_pose(cam_T_obj, f"{model.part.name}: the reference pose")
+        cam_T_obj = check_pose(cam_T_obj, f"{model.part.name}: the reference pose")
         self.model, self.camera = model, camera
         self.reference_pose = np.array(cam_T_obj, np.float64)
         part = model.part

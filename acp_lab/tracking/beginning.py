@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from acp_lab.cad.part import box_corners
 from acp_lab.errors import PreparationError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import transform
@@ -14,7 +15,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.assessment import Assessment
 from acp_lab.tracking.find import LateFinder
 from acp_lab.tracking.frame_solver import FrameSolver
-from acp_lab.tracking.frame_view import LEAST_PART_PX
+from acp_lab.tracking.frame_view import LEAST_PART_PX, crop_box
 from acp_lab.tracking.learning.knowledge import Off
 from acp_lab.tracking.search import Look
 from acp_lab.tracking.second_opinion import Question, second_opinion
@@ -27,10 +28,19 @@ class Beginning:
     """Of one tracked part, by its method's `start`."""
 
     def __init__(self, model: PreparedPart, solver: FrameSolver, assessment: Assessment, finder: LateFinder) -> None:
-        self._model, self._solver = model, solver
+        self._model, self._solver, self._corners_obj = model, solver, box_corners(model.part)
         self._assessment, self._finder = assessment, finder
 
-    def region(self, cam_T_obj: FloatArray) -> int:
+    def region(self, frame: Frame, cam_T_obj: FloatArray) -> int:
+        """0..5, the view region at a start pose (4, 4).
+
+        Raises PreparationError where the generator was not trained for it, TrackingError where it is out of sight.
+        """
+        if crop_box(self._corners_obj, cam_T_obj, frame.camera, self._solver.method.margin_px) is None:
+            raise self.not_seen(frame, cam_T_obj)
+        return self.prepared_region(cam_T_obj)
+
+    def prepared_region(self, cam_T_obj: FloatArray) -> int:
         """0..5, the view region at a start pose (4, 4); PreparationError where the generator was not trained for it."""
         solver = self._solver
         region = solver.choose_region(cam_T_obj)

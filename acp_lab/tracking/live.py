@@ -15,10 +15,9 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Literal
 
-import numpy as np
-
 from acp_lab.errors import AcpLabError, TrackingError
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.pose import check_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.protocol import Sequence
@@ -82,8 +81,11 @@ class LiveLoop:
         return frame
 
     def follow(self, cam_T_obj: FloatArray) -> None:
-        """Follow the part from a pose (4, 4) on, in the frame at which the loop stands, else in the next one."""
-        self._do("following", np.array(cam_T_obj, np.float64))
+        """Follow the part from a pose (4, 4) on, in the frame at which the loop stands, else in the next one.
+
+        GeometryError for what is no pose.
+        """
+        self._do("following", check_pose(cam_T_obj, "the pose to follow from"))
 
     def watch(self) -> None:
         """Only show the frames."""

@@ -158,12 +158,16 @@ def follow_sequence(
         method: what the run is called; None for the first tracker's name.
 
     Raises:
-        SequenceError: no trackers, no frames, or the first one cannot be read.
+        SequenceError: no trackers, one for several objects, no frames, or the first one cannot be read.
         TrackingError: a part is not seen at its start pose.
     """
     listening = _checked(observers)
     if not (max_frames is None or isinstance(max_frames, int)):
         raise ParameterError(f"max_frames = {max_frames!r}: give a whole number, or None for all")
+    for what, given in (("trackers", trackers), ("starts", starts)):
+        check_kind(given, Mapping, what, "a dictionary by object id, such as {1: …}")
+    if len({id(tracker) for tracker in trackers.values()}) < len(trackers):
+        raise SequenceError(f"{sequence.name}: one tracker for several objects: make one for each, acp.Tracker(model)")
     if not trackers:
         raise SequenceError(f"{sequence.name}: there is no object to track; give a tracker for each")
     without = sorted(set(trackers) - set(starts))

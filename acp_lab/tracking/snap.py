@@ -117,8 +117,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     """
     config = config or SnapConfig()
     check_frame(frame)
-    check_pose(cam_T_obj, f"{model.part.name}: the pose to start from")
-    start = np.array(cam_T_obj, np.float64)
+    start = check_pose(cam_T_obj, f"{model.part.name}: the pose to start from")
     # Nothing is learnt yet: in the first frame there is nothing to remember.
     solver = FrameSolver(model, ACP)
     solver.magnify(frame.camera, start)

@@ -144,8 +144,14 @@ class Tracker:
         """
         return self.solver.knowledge.gamma
 
+    def check_region(self, cam_T_obj: FloatArray) -> None:
+        """PreparationError where the method's generator was not trained for the view region of a pose (4, 4)."""
+        self._beginning.prepared_region(cam_T_obj)
+
     def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
         """Begin at a pose (4, 4) in the first frame.
+
+        One that is refused for the pose alone leaves an earlier track as it is.
 
         Raises:
             GeometryError: it is no pose: mirrored, scaled, not finite.
@@ -154,13 +160,14 @@ class Tracker:
         """
         clock = Stopwatch()
         check_frame(frame)
-        check_pose(cam_T_obj, f"{self.part.name}: the start pose")
+        pose = check_pose(cam_T_obj, f"{self.part.name}: the start pose")
+        region = self._beginning.region(frame, pose)
         self._forget()
         self.solver.records_steps = self.records_steps
-        pose, as_given, pursuit = np.array(cam_T_obj, np.float64), frame, self._pursuit
+        as_given, pursuit = frame, self._pursuit
         frame = self._steady(frame, pose, clock)
         self.solver.magnify(frame.camera, pose)
-        pursuit.region = self._beginning.region(pose)
+        pursuit.region = region
         seen = pursuit.look(frame, pose, clock)
         started = None if seen is None else self._beginning.begin(frame, seen, clock)
         if started is None:
@@ -241,7 +248,7 @@ class Tracker:
             raise SequenceError(
                 f"a {type(sequence).__name__} is no sequence: give acp.open_images(images, camera) of images in memory"
             )
-        check_pose(start, f"{self.part.name}: the start pose")  # before observers replace their files
+        start = check_pose(start, f"{self.part.name}: the start pose")  # before observers replace their files
         ids = sequence.object_ids or (1,)
         if object_id is not None and object_id not in ids and (len(ids) > 1 or _has_truth(sequence)):
             raise SequenceError(
@@ -262,7 +269,7 @@ class Tracker:
         the part is not in sight, see `crop_box`.
         """
         check_frame(frame)
-        check_pose(prior, f"{self.part.name}: the pose to look from")
+        prior = check_pose(prior, f"{self.part.name}: the pose to look from")
         region = self.solver.choose_region(prior, self._pursuit.region if self._started else None)
         frame = self._pictures.preview(frame, prior)
         glass, self.solver.glass = self.solver.glass, MagnifyingGlass(None)

@@ -193,13 +193,33 @@ def test_objects_that_start_in_different_images(
 ) -> None:
     """As --init auto finds them: such a run is refused for what it is, not for rows that would be wrong."""
     found = [auto_start.FoundStart(im_id, {obj: true_pose(im_id, obj)}) for im_id, obj in ((0, 1), (3, 4))]
-    monkeypatch.setattr(auto_start, "find_starts", lambda sequence, models: found)
+    monkeypatch.setattr(auto_start, "find_starts", lambda sequence, models: (found, ""))
     out, words = tmp_path / "results.csv", ("--init", "auto", "--resume")
     assert track(capsys, dataset, parts, out, *words).status == 0
     rows = out.read_bytes()
     outcome = track(capsys, dataset, parts, out, *words)
     assert_one_error(outcome, "in scene 1, object 1 and object 4 start in different images", "run without --resume")
     assert out.read_bytes() == rows
+
+
+def test_one_that_is_not_found_costs_the_others_nothing(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless it was asked for by its id, or nothing else is found."""
+    lacks = "--init auto: object 4 is not found in the first 5 frames"
+
+    def find(sequence: object, models: Mapping[int, object]) -> tuple[list[auto_start.FoundStart], str]:
+        poses = {object_id: true_pose(0, object_id) for object_id in models if object_id == 1}
+        return [auto_start.FoundStart(0, poses)] if poses else [], lacks if 4 in models else ""
+
+    monkeypatch.setattr(auto_start, "find_starts", find)
+    out = tmp_path / "results.csv"
+    outcome = track(capsys, dataset, parts, out, "--init", "auto")
+    assert outcome.status == 0
+    assert f"warning: {lacks}; it is left out" in outcome.err
+    assert [object_id for _, _, object_id in keys(out)] == [1] * len(FRAME_IDS)
+    assert_one_error(track(capsys, dataset, parts, out, "--init", "auto", "--object", "4"), lacks)
+    assert_one_error(track(capsys, dataset, parts, out, "--init", "auto", "--object", "1", "--object", "4"), lacks)
 
 
 def test_a_video(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:
@@ -358,9 +378,9 @@ def test_objects_that_come_later_are_looked_for(
     edit_json(dataset / "test" / "000001" / "scene_gt.json", lambda truth: truth["0"].pop())
     asked = list[set[int]]()
 
-    def find(sequence: object, models: Mapping[int, object]) -> list[auto_start.FoundStart]:
+    def find(sequence: object, models: Mapping[int, object]) -> tuple[list[auto_start.FoundStart], str]:
         asked.append(set(models))
-        return [auto_start.FoundStart(3, {object_id: true_pose(3, object_id) for object_id in models})]
+        return [auto_start.FoundStart(3, {object_id: true_pose(3, object_id) for object_id in models})], ""
 
     monkeypatch.setattr(auto_start, "find_starts", find)
     out = tmp_path / "results.csv"

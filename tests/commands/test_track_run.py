@@ -196,8 +196,14 @@ def test_a_start_from_a_region_that_was_not_prepared_is_one_line_and_exit_2(
     out = tmp_path / "results.csv"
     outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out, "--object", "1")
     said = f"is seen from view region {seen_from}, generator learned is prepared for {opposite} only"
-    assert_one_error(outcome, "obj_000001", f"{said}; run: acp-lab prepare", f"--regions {seen_from}\n")
+    where = "scene_gt.json: image 0: obj_000001"
+    assert_one_error(outcome, where, f"{said}; run: acp-lab prepare", f"--regions {seen_from}\n")
     assert not out.exists()
+    out.write_text("scene_id,im_id,obj_id,score,R,t,time\n")
+    outcome = run(capsys, "track", dataset, "--parts", parts, "--out", out)
+    assert_one_error(outcome, said)
+    assert out.read_text() == "scene_id,im_id,obj_id,score,R,t,time\n", "older results stay"
+    out.unlink()
     # Prepared for the region that it is seen from, it is tracked.
     learned_only(parts, "obj_000001", seen_from)
     track(capsys, dataset, parts, out, "--object", "1")
@@ -283,6 +289,48 @@ def test_a_run_starts_where_its_start_poses_do(
     assert track(capsys, dataset, parts, out, *words, "--resume").status == 0
     track(capsys, dataset, parts, out, *words, "--first-frame", "5")
     assert [row.im_id for row in read_results(out)] == [5, 6]
+
+
+def test_objects_that_start_later_are_named(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    (dataset / "test" / "000001" / "scene_gt.json").unlink()
+    with ResultsWriter(tmp_path / "poses.csv") as writer:
+        writer.append(ResultRow(1, 2, 4, 1.0, true_pose(2, 4)))
+        for object_id in OBJECT_IDS:
+            writer.append(ResultRow(1, 3, object_id, 1.0, true_pose(3, object_id)))
+    out, words = tmp_path / "results.csv", ("--init", tmp_path / "poses.csv")
+    outcome = track(capsys, dataset, parts, out, *words)
+    assert "warning: scene 1: starts in image 2; object 1 is not tracked" in outcome.err
+    assert {row.obj_id for row in read_results(out)} == {4}
+    outcome = track(capsys, dataset, parts, out, *words, "--object", "1")
+    assert "warning" not in outcome.err
+    assert [(row.im_id, row.obj_id) for row in read_results(out)] == [(3, 1), (5, 1), (6, 1)]
+
+
+def test_a_start_that_was_not_found_is_warned_of(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    """As `acp-lab detect` writes it, whose score is the probability that the part is there."""
+    out, words = tmp_path / "results.csv", ("--init", tmp_path / "poses.csv")
+    for score, is_told in ((0.63, True), (0.8, False)):
+        with ResultsWriter(tmp_path / "poses.csv") as writer:
+            writer.append(ResultRow(1, 0, 1, score, true_pose(0, 1)))
+            writer.append(ResultRow(1, 0, 4, 0.1, true_pose(0, 4)))
+        outcome = track(capsys, dataset, parts, out, *words, "--object", "1")
+        assert ("image 0, object 1: its start pose has a score of 0.63" in outcome.err) == is_told
+        assert "object 4" not in outcome.err
+
+
+def test_another_object_may_be_there_twice(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    edit_json(dataset / "test" / "000001" / "scene_gt.json", lambda truth: truth["3"].append(truth["3"][0]))
+    out = tmp_path / "results.csv"
+    assert_one_error(run(capsys, "track", dataset, "--parts", parts, "--out", out), "object 1 more than once")
+    track(capsys, dataset, parts, out, "--object", "4")
+    assert run(capsys, "eval", dataset, out).status == 0
+    assert run(capsys, "explain", out, "--frame", "2").status == 0
 
 
 def test_so_does_one_of_a_video(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:

@@ -207,6 +207,11 @@ def test_two_instances_of_an_object_are_refused(scene_folder: Path, frame: str) 
     with pytest.raises(SequenceError, match=f"image {frame} shows object 1 more than once") as error:
         BopScene(scene_folder)
     _one_line(error.value, scene_folder / "scene_gt.json")
+    with pytest.raises(SequenceError):
+        BopScene(scene_folder, asked=(1, 2))
+    # Whoever asks for no pose of it, or for the ids alone, need not care.
+    assert 1 in BopScene(scene_folder, asked=(2,)).object_ids
+    assert 1 in BopScene(scene_folder, asked=()).object_ids
 
 
 @pytest.mark.parametrize(

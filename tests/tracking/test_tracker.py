@@ -315,6 +315,37 @@ def test_a_start_that_is_no_pose_is_refused(
         tracker.track(frame)
 
 
+def test_a_start_that_is_refused_leaves_the_earlier_track(model: PreparedPart, sequence: MadeSequence) -> None:
+    first, second, third = sequence.frames(3)
+    assert isinstance(first, Frame)
+    assert isinstance(third, Frame)
+    tracker, undisturbed = Tracker(model, AS_DRAWN), Tracker(model, AS_DRAWN)
+    for one in (tracker, undisturbed):
+        one.start(first, sequence.first_pose)
+        one.track(second)
+    far, mirrored = sequence.first_pose.copy(), sequence.first_pose.copy()
+    far[0, 3] += 1e5
+    mirrored[:3, 0] *= -1.0
+    for pose, error in ((far, TrackingError), (mirrored, GeometryError)):
+        with pytest.raises(error):
+            tracker.start(third, pose)
+    np.testing.assert_array_equal(tracker.track(third).cam_T_obj, undisturbed.track(third).cam_T_obj)
+
+
+def test_start_poses_may_lie_in_memory_as_they_like_and_be_rounded(model: PreparedPart, sequence: MadeSequence) -> None:
+    first, second = sequence.frames(2)
+    assert isinstance(first, Frame)
+    exact = Tracker(model, AS_DRAWN).start(first, sequence.first_pose)
+    by_columns = Tracker(model, AS_DRAWN).start(first, np.asfortranarray(sequence.first_pose))
+    np.testing.assert_array_equal(by_columns.cam_T_obj, exact.cam_T_obj)
+    rounded = sequence.first_pose.copy()
+    rounded[:3, :3] *= 1.0004
+    tracker = Tracker(model, AS_DRAWN)
+    for result in (tracker.start(first, rounded), tracker.track(second)):
+        rotation = result.cam_T_obj[:3, :3]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+
+
 def test_a_start_where_nothing_is_seen_says_so(model: PreparedPart, sequence: MadeSequence) -> None:
     frame = next(iter(sequence.frames()))
     assert isinstance(frame, Frame)

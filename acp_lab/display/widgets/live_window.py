@@ -20,9 +20,10 @@ from acp_lab.display.widgets.picture import image_size, jpeg_bytes
 from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.display.widgets.pose_aligner import PoseAligner
 from acp_lab.display.widgets.still import Still
-from acp_lab.errors import AcpLabError
+from acp_lab.errors import AcpLabError, ParameterError, check_kind
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.pose import check_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences import open_images
 from acp_lab.sequences.frame import Frame, UnreadableFrame
@@ -204,8 +205,16 @@ def live(
     a folder of images is shown in its own time, to rehearse. start: a pose (4, 4) in the first frame, or "find".
     A window on the same source is stopped, as when its cell is run again; what it tracked can still be saved.
 
-    Raises InputFileError and SequenceError as `open_images` does; a camera that is not there is told in the window.
+    Raises InputFileError and SequenceError as `open_images` does, GeometryError and ParameterError for another start or
+    other kinds; a camera that is not there is told in the window.
     """
+    check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
+    if not isinstance(camera, str | Path):
+        check_kind(camera, Camera, "camera", "acp.Camera.from_json('CAMERA.json'), or that file's name")
+    if isinstance(start, str) and start != "find":
+        raise ParameterError(f"start = {start!r}: give 'find', or a pose, such as acp.read_pose({start!r})")
+    if start is not None and not isinstance(start, str):
+        start = check_pose(start, "start")
     intrinsics = camera if isinstance(camera, Camera) else Camera.from_json(camera)
     sequence = open_images(str(source), intrinsics)
     before = _windows.get(str(source))
