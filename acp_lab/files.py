@@ -20,7 +20,7 @@ from acp_lab.input_file import check_regular
 def replacing(path: Path, what: str = "the file") -> Iterator[Path]:
     """A temporary path beside `path` to write to: it replaces `path` when the context ends, and vanishes on an error.
 
-    The folder is made if there is none. The file gets the usual permissions: it is not a private one of `tempfile`.
+    The folder is made if there is none, and goes again where nothing comes into it. The file gets the usual permissions: it is not a private one of `tempfile`.
     It is not forced to the disk (fsync): a crash of the program leaves it whole, one of the machine may not.
 
     Args:
@@ -30,6 +30,7 @@ def replacing(path: Path, what: str = "the file") -> Iterator[Path]:
         InputFileError: the file cannot be written (any OSError within the context).
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    is_new_folder = not path.parent.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -40,6 +41,9 @@ def replacing(path: Path, what: str = "the file") -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink()
+        if is_new_folder:
+            with suppress(OSError):  # it holds something
+                path.parent.rmdir()
 
 
 def remove_leftovers(path: Path) -> None:

@@ -33,6 +33,22 @@ def test_what_is_no_name_of_a_file_is_told(name: str) -> None:
     assert len(str(error.value)) < 200
 
 
+def test_a_folder_that_was_made_for_nothing_goes_again(tmp_path: Path) -> None:
+    def write(path: Path, full: bool) -> None:
+        with replacing(path) as temporary:
+            temporary.write_bytes(b"some")
+            if full:
+                raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / "there").mkdir()
+    for folder in ("new", "there"):
+        with pytest.raises(InputFileError, match="No space left"):
+            write(tmp_path / folder / "a.bin", full=True)
+    assert names(tmp_path) == ["there"]
+    write(tmp_path / "new" / "a.bin", full=False)
+    assert names(tmp_path / "new") == ["a.bin"]
+
+
 def test_the_old_file_stays_until_the_end(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("old")
