@@ -22,14 +22,22 @@ from acp_lab.tracking.second_opinion import Question, second_opinion
 from acp_lab.tracking.solution import SeenFrame
 from acp_lab.tracking.start import Started, TrustedStart, begin
 from acp_lab.tracking.stopwatch import Stopwatch
+from acp_lab.tracking.turned import TurnChecker
 
 
 class Beginning:
     """Of one tracked part, by its method's `start`."""
 
-    def __init__(self, model: PreparedPart, solver: FrameSolver, assessment: Assessment, finder: LateFinder) -> None:
+    def __init__(
+        self,
+        model: PreparedPart,
+        solver: FrameSolver,
+        assessment: Assessment,
+        finder: LateFinder,
+        turn_checker: TurnChecker,
+    ) -> None:
         self._model, self._solver, self._corners_obj = model, solver, box_corners(model.part)
-        self._assessment, self._finder = assessment, finder
+        self._assessment, self._finder, self._turn_checker = assessment, finder, turn_checker
 
     def region(self, frame: Frame, cam_T_obj: FloatArray) -> int:
         """0..5, the view region at a start pose (4, 4).
@@ -66,9 +74,15 @@ class Beginning:
             return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
 
         started = begin(solver, look, seen, config, clock)
-        if started is None or started.trusted:
+        if started is not None and not started.trusted:
+            started = self._asked_again(frame, look, seen.view.prior, started, config, clock)
+        if started is None:
+            return None
+        turned = self._turn_checker.at_start(frame, started.solution, clock)
+        if turned is None:
             return started
-        return self._asked_again(frame, look, seen.view.prior, started, config, clock)
+        note = "turned: only there the edges that tell are found"
+        return self._begun_anew(frame, look, turned, note, config, clock) or started
 
     def _asked_again(
         self, frame: Frame, look: Look, start: FloatArray, started: Started, config: TrustedStart, clock: Stopwatch
@@ -82,14 +96,20 @@ class Beginning:
         if elsewhere is None:
             return started
         for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
-            solver.forget()
-            solver.magnify(frame.camera, pose)
-            seen = look(pose)
-            again = None if seen is None else begin(solver, look, seen, config, clock)
+            again = self._begun_anew(frame, look, pose, note, config, clock)
             if again is not None:
-                # Nobody gave that pose, or it was doubted: there is nothing to trust.
-                return replace(again, trusted=False, measures=config.measures, note=note)
+                return again
         return None
+
+    def _begun_anew(
+        self, frame: Frame, look: Look, cam_T_obj: FloatArray, note: str, config: TrustedStart, clock: Stopwatch
+    ) -> Started | None:
+        """The first frame, begun with a pose (4, 4) that nobody gave, or that was doubted: nothing is to be trusted."""
+        self._solver.forget()
+        self._solver.magnify(frame.camera, cam_T_obj)
+        seen = look(cam_T_obj)
+        again = None if seen is None else begin(self._solver, look, seen, config, clock)
+        return None if again is None else replace(again, trusted=False, measures=config.measures, note=note)
 
     def not_seen(self, frame: Frame, cam_T_obj: FloatArray) -> TrackingError:
         """What is raised where a first frame does not show the part at its start pose (4, 4)."""

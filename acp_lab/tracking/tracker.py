@@ -80,10 +80,10 @@ class Tracker:
         self.records_target = False
         part, method, finder = model.part, self.solver.method, LateFinder(model)
         self._assessment = Assessment(part, method)
-        self._beginning = Beginning(model, self.solver, self._assessment, finder)
         self._pursuit = Pursuit(self.solver)
         self._whereabouts = Whereabouts(model, method, self._assessment, finder)
         self._turn_checker = TurnChecker(model.near_turns, method.turns, self._pursuit)
+        self._beginning = Beginning(model, self.solver, self._assessment, finder, self._turn_checker)
         self._locator = Locator(self._pursuit, self._whereabouts, self._turn_checker)
         self._pictures = SteadyPictures(part, method)
         takes_jerks = isinstance(method.prediction, KalmanPrediction)

@@ -24,6 +24,8 @@ class TurnCheck:
         evidence: how much there must be of it; all of it the other way round, and the frame was surely right.
         may_move: so many times the innovation of the other it may take, see `PoseKalman.innovation_of`, or so much.
         leap_evidence: how much there must be, added up over frames in a row, where the part cannot have moved so.
+        start_found, start_evidence: the same of a first frame, which is solved at every turn, so that the right one
+            stands out.
     """
 
     kind: ClassVar[str] = "edges-apart"
@@ -34,12 +36,14 @@ class TurnCheck:
     evidence: float = 1.5
     may_move: float = 5.0
     leap_evidence: float = 6.0
+    start_found: float = 0.6
+    start_evidence: float = 3.0
 
     def __post_init__(self) -> None:
         for name in ("motion_from", "leap_from"):
             if not -1.0 <= getattr(self, name) <= 1.0:
                 raise TrackingError(f"turns.{name} = {getattr(self, name):g}: give -1 to 1")
-        least = {"found": 0.0, "missed": 0.0, "evidence": 0.0, "may_move": 1.0, "leap_evidence": 0.0}
-        for name, limit in least.items():
+        for name in ("found", "missed", "evidence", "may_move", "leap_evidence", "start_found", "start_evidence"):
+            limit = 1.0 if name == "may_move" else 0.0
             if not limit <= getattr(self, name) < float("inf"):
                 raise TrackingError(f"turns.{name} = {getattr(self, name):g}: give {limit:g} or more")

@@ -73,6 +73,26 @@ class TurnChecker:
         # The turn that no motion explains but what is found does, and how much says so by now.
         self._suspected, self._evidence = -1, 0.0
 
+    def at_start(self, frame: Frame, solution: Solution, clock: Stopwatch) -> FloatArray | None:
+        """The pose (4, 4) that a first frame is begun with instead of a solution's; None where nothing tells of one.
+
+        A pose that was found may be any number of teeth off. It is tilted a little, too, as that fits better: so the
+        frame is solved at each turn before the two are compared, and once more where it is.
+        """
+        if not len(self._turns):
+            return None
+        again = self._pursuit.solve(frame, solution.cam_T_obj, clock)
+        asked = self._ask(frame, solution if again is None or again.score < solution.score else again, clock)
+        if asked is None:
+            return None
+        best = asked
+        for turn in range(len(self._turns)):
+            solved = self._pursuit.solve(frame, asked.at(turn), clock)
+            there = NOTHING if solved is None else best.compare_pose(solved.cam_T_obj)
+            if solved is not None and self._tells_of_start(there):
+                best = self._ask(frame, solved, clock) or best
+        return None if best is asked else best.pose
+
     def begin(self, frame: Frame, solution: Solution, clock: Stopwatch) -> None:
         """A first frame, whose pose stays: whether that is surely right."""
         asked = self._ask(frame, solution, clock)
@@ -114,6 +134,10 @@ class TurnChecker:
         """Whether enough says that the turned pose is the right one: of two wrong poses one is better, too."""
         config = self._config
         return one.found >= config.found and one.missed <= config.missed and one.evidence >= config.evidence
+
+    def _tells_of_start(self, one: Compared) -> bool:
+        config = self._config
+        return one.found >= config.start_found and one.missed <= config.missed and one.evidence >= config.start_evidence
 
     def _next_of_all(self, count: int) -> list[int]:
         count = min(count, len(self._turns))

@@ -102,7 +102,7 @@ FUSED = Method(
         0.65, 0.1, 0.2, 0.01, 5.0, 0.4, Cloud(4.0, 0.2, 50, 5, 3), 0.7, Cloud(9.0, 0.3, 99, 7, 1), 0.3, 0.2
     ),
     way_back=WayBack(1e4, 9, 2e4, 3, 0.7, 0.3, 0.8, 12, 90),
-    turns=TurnCheck(-0.3, 0.3, 0.6, 0.3, 2.0, 3.0, 5.0),
+    turns=TurnCheck(-0.3, 0.3, 0.6, 0.3, 2.0, 3.0, 5.0, 0.5, 2.0),
     confidence=Confidence(-2.0, 3.0, 4.0, 5.0, 0.9),
     tones=ToneMatching(9.0, 0.4, 0.3, 0.7, 0.03, 0.5),
     denoising=Denoising(2.0, 8.0, 1.5, 7, 3),
