@@ -41,7 +41,8 @@ class PairConfig:
 
     Attributes:
         views: motion pairs in all.
-        turn_deg, shift_mm: the motion between the two views of a pair, both at once (paper: 0.5 degrees, 5 mm).
+        turn_deg, shift_mm: the motion between the two views of a pair, both at once, as we read the paper's 0.5 degrees
+            and 5 mm.
             Parts that are larger than usual, see `cad.part.USUAL_DIAMETERS`, shift by more in proportion, and small
             ones by no more than a tenth of their diameter. (Deviation from the paper, which does not say for parts of
             which size its 5 mm are.)

@@ -3,7 +3,7 @@
 A rolling shutter reads a picture's rows one after another, in most of the time between two frames. What moves is seen
 at another time by each row: sheared, stretched or shortened. A pose is that of the moment at which the part's centre is
 read.
-(Not in the paper, whose camera reads a picture at once; see docs/paper-ledger.md.)
+(Not in the paper; see docs/paper-ledger.md.)
 """
 
 from __future__ import annotations

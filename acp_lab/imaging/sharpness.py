@@ -5,7 +5,7 @@ the ground is lost. A Gaussian blur can be taken back to some extent, at the pri
 copy lacks (unsharp masking). By how much is asked of the picture: a step that is blurred by s px has, behind a Gaussian
 of b px, a slope in inverse proportion to sqrt(s^2 + b^2), so its slopes behind two Gaussians tell s. Who sees many
 pictures of one camera learns it from them (`tracking.learning.lens_blur`).
-(Not in the paper, which takes pictures as they are; see docs/paper-ledger.md.)
+(The paper blurs and denoises every picture alike, IV-B; here by how soft it is. See docs/paper-ledger.md.)
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class AutoencoderConfig:
 
     @classmethod
     def as_printed(cls) -> AutoencoderConfig:
-        """About 1000 views of a region (paper IV-A), each seen some four times as often: about as many steps."""
+        """About 1000 views (paper IV-A) of a region, as we read it, each seen some four times as often."""
         return cls(
             images=EdgeImageConfig(views=1000),
             autoencoder_epochs=2,
