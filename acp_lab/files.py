@@ -20,8 +20,9 @@ from acp_lab.input_file import check_regular
 def replacing(path: Path, what: str = "the file") -> Iterator[Path]:
     """A temporary path beside `path` to write to: it replaces `path` when the context ends, and vanishes on an error.
 
-    The folder is made if there is none, and goes again where nothing comes into it. The file gets the usual permissions: it is not a private one of `tempfile`.
-    It is not forced to the disk (fsync): a crash of the program leaves it whole, one of the machine may not.
+    The folder is made if there is none, and goes again where nothing comes into it. The file gets the usual
+    permissions: it is not a private one of `tempfile`. It is not forced to the disk (fsync): a crash of the program
+    leaves it whole, one of the machine may not.
 
     Args:
         what: names the file's content in the message, such as "the picture".

@@ -8,7 +8,8 @@ the lengths on the part. Steps before "frame at the pose" need auto-encoders of 
 length of training. From truth, no resets, the first frame left out, one thread. The bias of a painting is that of the
 pose which fits it best at the true pose (`acp_lab.studies.painting_bias`). `--causes` runs the last steps and these
 alone, forwards and backwards; `--floor` reads ridges off true images of a hundred views of the first frame's region,
-and needs no auto-encoder.
+and needs no auto-encoder. `--directions` asks what the literal path's direction costs: the paper takes the homography
+for the direction of a step alone, and e(I) of t(I); here edges are generated once per level, and moved by it.
 
 Example: python -m benchmarks.deviations path/to/dataset/test/000001... --parts out/parts --literal-parts out/literal
 (prepared before: acp-lab prepare MESH --out out/parts/DATASET, again with --generator autoencoder, and
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from acp_lab.sequences.frame import Frame
     from acp_lab.tracking.method import Method
     from acp_lab.tracking.motions import ControlPointVariables
+    from acp_lab.tracking.schedule import ShareSchedule
+    from acp_lab.tracking.solvers import GaussNewton
 
 SEED = 0
 RIGIDITY = 0.2
@@ -57,6 +60,9 @@ UNITS = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter, mean over sequences",
     "ms": "CPU ms per frame, median over sequences",
 }
+
+_STEPS = 12
+"""As many as the three levels of `acp-paper` take together."""
 
 PAINTED = {
     "*_px": "canonical px, mean Chamfer distance on held-out views, generated to true and back",
@@ -99,6 +105,24 @@ def steps() -> dict[str, Method]:
         "exact edges, with a rigidity prior": replace(paper, source=exact, priors=(RigidityPrior(RIGIDITY),)),
     }
     return found | {name: METHODS[name] for name in ("direct-6dof", "unoptimised-points", "acp-paper-samples")}
+
+
+def directions() -> dict[str, Method]:
+    """The literal path, and others by how their edges follow I; with one alpha, as it has."""
+    from acp_lab.tracking.method import METHODS
+
+    literal = METHODS["acp-paper-literal"]
+    points = cast("ControlPointVariables", literal.variables)
+    schedule, solver = cast("ShareSchedule", literal.schedule), cast("GaussNewton", literal.solver)
+    longer = replace(solver, steps=_STEPS)
+    return {
+        "literal": literal,
+        "generated at every step": replace(
+            literal, schedule=replace(schedule, shares=(1.0,) * _STEPS), solver=replace(solver, steps=1)
+        ),
+        "through the network": replace(literal, variables=replace(points, direction="autograd"), solver=longer),
+        "by differences": replace(literal, variables=replace(points, direction="differences"), solver=longer),
+    }
 
 
 class DecodedScene:
@@ -268,11 +292,15 @@ def main() -> None:
     parser.add_argument("--literal-parts", type=Path, help="the same for a frame at the prediction")
     parser.add_argument("--causes", action="store_true", help="painted ridges, true images and exact edges only")
     parser.add_argument("--floor", action="store_true", help="how exact ridges of true images are; no auto-encoder")
+    parser.add_argument("--directions", action="store_true", help="the literal path by its direction of a step")
     parser.add_argument("--record", action="store_true", help="write to docs/measured.json")
     options = parser.parse_args()
     from acp_lab.sequences import open_sequence
     from acp_lab.studies.perfect_painter import perfectly_painted
 
+    if options.directions:
+        print_directions(options.scenes, options.literal_parts or options.parts, options.record)
+        return
     if options.floor:
         print_floor(options.scenes, options.parts, options.record)
         return
@@ -308,6 +336,24 @@ def main() -> None:
         record_causes(runs, rows)
     elif options.record:
         record_path(runs, rows, painted)
+
+
+def print_directions(scenes: list[Path], parts: Path, to_record: bool) -> None:
+    """Of the literal path; into docs/measured.json if wanted. parts: prepared for a frame at the prediction."""
+    from acp_lab.sequences import open_sequence
+    from benchmarks.measured import record
+
+    runs = list[Run]()
+    for folder in scenes:
+        decoded = DecodedScene(open_sequence(folder))
+        model = load(parts, decoded.scene)
+        for step, method in directions().items():
+            runs.append(track(decoded, model, step, method))
+            print(runs[-1], flush=True)
+    if to_record:
+        about = "acp-paper-literal by how edges follow I within a level, from truth, no resets"
+        names = dict.fromkeys(run.sequence for run in runs)
+        record("deviations.directions", about, UNITS, ", ".join(names), mean_rows(runs))
 
 
 def print_floor(scenes: list[Path], parts: Path, to_record: bool) -> None:

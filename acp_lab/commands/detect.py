@@ -33,7 +33,7 @@ _TOP = 3
 _DRAWN_EACH = 0.5
 """With --each: hypotheses that are less likely would cover the picture."""
 _PICTURES = 12
-"""Frames that the picture shows at most, evenly spread."""
+"""Frames that the picture shows at most: the first ones."""
 _PICTURE_WIDTH = 640
 _ACCEPTED, _OTHERS = (0, 200, 0), ((255, 150, 0), (220, 0, 200))
 """RGB of hypotheses that are accepted, and of others, the best first."""

@@ -146,11 +146,7 @@ def resumption(
         if {row.obj_id for row in found} != set(job.starts):
             break  # cut off within the frame
         for row in found:
-            if row.obj_id in states_of:
-                states_of[row.obj_id].update(row.score)
-            else:
-                states_of[row.obj_id] = StateMachine(states)
-                states_of[row.obj_id].begin(row.score)
+            states_of.setdefault(row.obj_id, StateMachine(states)).replay(row.score)
         if im_id == job.sequence.frame_ids[:max_frames][-1]:
             done.add(scene_id)
             last = Resumption(KeptRows(of_frame[-1][1], length), frozenset(done))

@@ -119,10 +119,12 @@ class TrackOptions:
                 raise AcpLabError(f"--video {video}: needs {option} too: give --mesh, --camera and --init")
         if self.init == "gt":
             raise AcpLabError(f"--init gt: {video} has no truth: give the start pose as POSE.json")
-        if any(scene != 1 for scene in self.scenes):
-            raise SequenceError(f"--scene {self.scenes[0]}: a video is scene 1")
-        if any(object_id != 1 for object_id in self.objects):
-            raise SequenceError(f"--object {self.objects[0]}: a video shows object 1")
+        for scene in self.scenes:
+            if scene != 1:
+                raise SequenceError(f"--scene {scene}: a video is scene 1")
+        for object_id in self.objects:
+            if object_id != 1:
+                raise SequenceError(f"--object {object_id}: a video shows object 1")
 
     def _refuse(self, why: str, **paths: Path | None) -> None:
         for name, path in paths.items():

@@ -283,9 +283,7 @@ def seen_before(go_on: Resumption, job: SceneJob, states: StateConfig) -> dict[i
         if row.obj_id not in found:
             found[row.obj_id] = ObjectSummary(row.scene_id, row.obj_id, job.models[row.obj_id].part.name)
             machines[row.obj_id] = StateMachine(states)
-            machines[row.obj_id].begin(row.score)
-        else:
-            machines[row.obj_id].update(row.score)
+        machines[row.obj_id].replay(row.score)
         found[row.obj_id].add(row.im_id, machines[row.obj_id].state, image in unreadable)
         if row.score > 0.0:
             found[row.obj_id].add_seen(row.time_s, row.score)

@@ -81,7 +81,7 @@ def _results(
     machine = StateMachine(states)
     results: list[TrackResult] = []
     for row in rows:
-        note = machine.update(row.score) if results else machine.begin(row.score)
+        note = machine.replay(row.score)
         direction = eye_position(row.cam_T_obj) - part.box_centre
         region = int(np.argmax(region_scores(direction, 0.5 * part.box_size)))
         points = mid_section_points(part.box_min, part.box_max, ALL_REGIONS[region].axis)

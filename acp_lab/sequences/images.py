@@ -46,7 +46,7 @@ _Found = TypeVar("_Found")
 
 
 class _OwnImages(ABC):
-    """What the three sources share: one camera, no truth, frames undistorted as they come."""
+    """What all sources of one's own images share: one camera, no truth, frames undistorted as they come."""
 
     scene_id = 1
     object_ids: tuple[int, ...] = (1,)

@@ -31,7 +31,10 @@ class Sequence(Protocol):
 
     @property
     def object_ids(self) -> tuple[int, ...]:
-        """Ids of the objects to track: those of the first frame's truth; (1,) where there is no truth."""
+        """Ids of the objects to track: those of the first frame's truth.
+
+        Without truth (1,) of one's own images, () of a data set.
+        """
 
     def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
         """The frames from the first on, at most max_frames; each call starts anew."""

@@ -27,14 +27,13 @@ class LinePosteriors:
     Attributes:
         inside: (n, 19) probability of each segment, from inside to outside, of being the part's.
         posterior: (n, 12) probability of each place of the step; offsets_px: (12,) of these places, outwards.
-        mean_px: (n,) where the outline is believed to be; deviation_px: (n,) how surely.
+        mean_px: (n,) where the outline is believed to be.
     """
 
     inside: FloatArray
     posterior: FloatArray
     offsets_px: FloatArray
     mean_px: FloatArray
-    deviation_px: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +77,8 @@ class RegionView:
         probability /= probability.sum(1, keepdims=True)
         offsets_px = np.asarray(scale * (np.arange(PLACES) - 0.5 * (PLACES - 1)), np.float64)
         return LinePosteriors(
-            self._inside(points, outward, scale), probability, offsets_px, scale * found[:, PLACES],
-            np.asarray(scale * np.sqrt(found[:, PLACES + 1]), np.float64),
-        )  # fmt: skip
+            self._inside(points, outward, scale), probability, offsets_px, scale * found[:, PLACES]
+        )
 
     def _inside(self, points: FloatArray, outward: FloatArray, scale: int) -> FloatArray:
         crop = self.target.crop

@@ -4,7 +4,7 @@ Corners of the picture that do not belong to the part are followed from frame to
 Kanade, IJCAI 1981, in OpenCV's pyramids), in a picture made smaller, and one rotation is fitted to them: hands that
 shake turn a camera more than they move it, as far as its picture tells. Corners on whatever else moves are outliers.
 Where the corners look as they did, nothing is followed: a camera that stands still costs next to nothing.
-(Not in the paper, whose camera stands still; see docs/paper-ledger.md.)
+(Not in the paper; see docs/paper-ledger.md.)
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The noise of a sensor in good light is small beside the contrast of edges, and a
 little light it is not: then each line that is searched along an edge's normal meets steps of noise that are as high as
 the edge, and colours are told apart no longer. A Gaussian takes noise away faster than it blurs edges that are smooth
 already. How noisy pictures are is a matter of the camera and its gain, so of the last ones the median counts.
-(Not in the paper, which takes pictures as they are; see docs/paper-ledger.md.)
+(The paper blurs and denoises every picture alike, IV-B; here by how noisy it is. See docs/paper-ledger.md.)
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class NoiseFilter:
         return self.preview(frame)
 
     def preview(self, frame: Frame) -> Frame:
-        """The frame as one is seen by what the last ones told of their noise; changes nothing."""
+        """The frame as it is seen by what the ones before told of their noise, not by its own; changes nothing."""
         return frame if self.blur_px == 0.0 else replace(frame, image=_smooth(frame.image, self.blur_px))
 
 

@@ -124,8 +124,7 @@ class Finder:
         prior: looks near a pose only. rival: (4, 4) a pose that competes with what is found, as it is.
         """
         check_frame(frame)
-        if not (isinstance(top, int) and top >= 1):
-            raise ParameterError(f"top = {top!r}: give how many hypotheses at most, 1 or more")
+        _check_most(top, "top")
         return finish(self.search(frame, top, prior, rival=rival))
 
     def search(
@@ -164,8 +163,10 @@ class Finder:
     def find_each(self, frame: Frame, most: int = MOST_EACH) -> tuple[Detection, ...]:
         """Up to `most` hypotheses, the best first, each in another place: of parts that are alike, as in a tray.
 
-        The score is how likely a pose is right if there may be others like it elsewhere.
+        The score is how likely a pose is right if there may be others like it elsewhere. ParameterError for a `most`
+        below 1.
         """
+        _check_most(most, "most")
         check_frame(frame)
         return finish(self._search_each(frame, most))
 
@@ -359,6 +360,11 @@ class LateFinder:
         return self._finder
 
 
+def _check_most(count: int, name: str) -> None:
+    if not (isinstance(count, int) and count >= 1):
+        raise ParameterError(f"{name} = {count!r}: give how many hypotheses at most, 1 or more")
+
+
 def _best_first(looks: Iterable[_Looked]) -> list[tuple[Candidate, _Looked]]:
     """All candidates, as they appear in the frame, and where each was seen."""
     found = [(one.in_frame(candidate), one) for one in looks for candidate in one.look.candidates]
@@ -399,6 +405,7 @@ def detect(
 
     Raises:
         PreparationError: the part has neither templates nor visibility networks.
+        ParameterError: top is below 1, or frame is none.
     """
     return Finder(model, config).find(frame, top)
 
@@ -412,5 +419,6 @@ def detect_each(
 
     Raises:
         PreparationError: the part has neither templates nor visibility networks.
+        ParameterError: most is below 1, or frame is none.
     """
     return Finder(model, config).find_each(frame, most)

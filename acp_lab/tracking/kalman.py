@@ -84,6 +84,7 @@ class PoseKalman:
         self._posterior, self._of_usual = self._covariance, 1.0
         # The pose predicted before it was known that the next frame repeats the last picture.
         self._ahead: FloatArray | None = None
+        self._widening, self.innovation, self._observed = 1.0, 0.0, False
 
     @property
     def last(self) -> FloatArray:
@@ -106,9 +107,7 @@ class PoseKalman:
         """Forget the past; the part rests at `cam_T_obj` (4, 4), for all that is known."""
         config = self._config
         first = np.array([np.radians(config.first_turn_deg)] * 3 + [config.first_shift_mm] * 3)
-        self._widening = 1.0
-        self.innovation = 0.0
-        self._observed = False
+        self._widening, self.innovation, self._observed = 1.0, 0.0, False
         self._go_on(cam_T_obj, np.zeros(6), np.diag(np.concatenate([first, config.first_speed * first]) ** 2))
 
     @property

@@ -5,7 +5,7 @@ the two apart, but their places do: what was there already while the part was tr
 frame that fitted well is kept every now and then, with its pose. Where a lost part seems to be back in another place,
 or one that is followed seems to be elsewhere, the kept frame is solved from there and searched around it. If it shows
 something that fits, nearer than the part was, and nothing else is there now, then this is what it was, seen by a camera
-that went on, and not the part. (Not in the paper, whose part is alone.)
+that went on, and not the part. (Not in the paper.)
 """
 
 from __future__ import annotations

@@ -20,13 +20,14 @@
     confidence  how likely the part is there                   confidence
     uncertainty how exact its pose is then                     uncertainty
 
-`acp-paper` is the paper's path with six deviations, one setting each: `variables.residual`,
+`acp-paper` is the paper's path with six deviations that can be switched one by one: `variables.residual`,
 `source.frame`, `edge_map.orientation_bins`, `schedule.shares`, `variables.direction` and `variables.lengths`;
-`acp-paper-literal` is without them. The two ablations of Table III are `acp-paper` with one part changed.
-`acp-paper-samples` reads no positions off the painted image: it gates the CAD's own edge samples. Any other sum of
-parts is a method too, by `dataclasses.replace` or from a TOML file (`method_file`). Parts that do not fit together are
-refused; a setting that another part makes idle is not, such as `learning.offsets.break_share` beside profiles, or
-`camera` without a Kalman filter. Settings in mm are for CAD parts of 60 to 160 mm, and taken in proportion for others
+`acp-paper-literal` is without them, but not without what else docs/paper-ledger.md lists. The two ablations of Table
+III are `acp-paper` with one part changed. `acp-paper-samples` reads no positions off the painted image: it gates the
+CAD's own edge samples. Any other sum of parts is a method too, by `dataclasses.replace` or from a TOML file
+(`method_file`). Parts that do not fit together are refused; a setting that another part makes idle is not, such as
+`learning.offsets.break_share` beside profiles, or `camera` without a Kalman filter. Settings in mm are for CAD parts of
+60 to 160 mm, and taken in proportion for others
 (`part_size`).
 """
 
@@ -280,7 +281,7 @@ ACP = Method(summary="the best tracker here: CAD edges along normals, colours ac
 ACP_EDGES = replace(
     ACP,
     name="acp-edges",
-    summary="edges alone, searched along normals: acp without regions, profiles, motion prior and sight",
+    summary="edges alone, searched along normals, by what acp had before regions, profiles and priors",
     targets=(NormalSearch(AS_THEY_ARE, plain_share=0.0, sharing=Off()),),
     priors=(ControlPointDamping(),),
     solver=GaussNewton(steps=3, damping=0.0),
@@ -313,7 +314,7 @@ ACP_PAPER = Method(
     source=PaintedRidges(frame="pose"),
     variables=ControlPointVariables("rigid", carry="points", residual="homography", lengths="part"),
     targets=(DistanceMap(edge_map=EdgeMapConfig(orientation_bins=8)),),
-    # More than a picture has ridges: as in the paper all of them count.
+    # Of some two thousand ridges of a picture, evenly thinned.
     schedule=ShareSchedule(alpha=0.05, shares=(1.0, 0.5, 0.28), samples=1500),
     priors=(),
     solver=GaussNewton(),
@@ -335,7 +336,7 @@ ACP_PAPER = Method(
 ACP_PAPER_LITERAL = replace(
     ACP_PAPER,
     name="acp-paper-literal",
-    summary="acp-paper as it is printed, without its six deviations",
+    summary="acp-paper without its six deviations D1 to D6; what else differs: docs/paper-ledger.md",
     source=PaintedRidges(frame="prediction"),
     variables=ControlPointVariables(carry="points"),
     targets=(DistanceMap(),),

@@ -61,7 +61,8 @@ class ControlPointVariables:
     """Configuration: the eight coordinates of I are free.
 
     Attributes:
-        direction: how edges follow I within a level: by the "homography" of the control points (the paper), "rigid" as
+        direction: how edges follow I within a level: by the "homography" of the control points (the paper has
+            it for the direction of a step alone), "rigid" as
             a part in space does, as far as I moves like one, and by the homography beyond that, through the generator
             ("autograd"), or by generating anew beside I ("differences").
         carry: what goes on to the next frame: "points", I itself as in the paper, lets the two directions drift that no

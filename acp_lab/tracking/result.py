@@ -77,7 +77,8 @@ class TrackResult:
     Attributes:
         frame_id: im_id of the frame.
         cam_T_obj: (4, 4) pose, mm.
-        predicted: (4, 4) pose, mm, expected before the image was looked at; in the first frame the given one.
+        predicted: (4, 4) pose, mm, from which edges were searched: that of the motion, corrected by where the part's
+            last picture was found (`PictureSearch`); in the first frame the given one.
         control_points: (4, 2) image control points I in px, in the order of W's rows.
         loss: e(I) as the method's targets define it; 0 for a perfect fit, NaN where nothing was seen.
         quality: in [0, 1]; how likely the part is there, see `confidence`; for methods without it, how well the image
@@ -89,7 +90,8 @@ class TrackResult:
             image edge assigned to it, NaN where none was; None where nothing was seen.
         iterations: of the solver, on all levels of the solution that was accepted.
         timings: wall seconds per stage.
-        note: reason of a state change, of a pose that the detector replaced, or of an unreadable frame; else empty.
+        note: reason of a state change, of a pose that was replaced, of a frame that is unreadable or shows no part, or
+            that the generator was not prepared for the view; else empty.
         steps: the iterations that led to the pose, in their order; empty unless the tracker's `records_steps`
             is set.
         covariance: (6, 6) of a pose step (rad, mm) about the part's centre, in camera axes, given that the part is

@@ -6,7 +6,7 @@ way, and judges what it finds and the pose in question by its own evidence. Wher
 frame is solved from there, and that is taken where the tracker, too, holds it for the likelier one. A pose near the
 start has the start's word for it: it takes more to contradict that. And where the detector finds the part in the
 place in question, too, in whatever pose, what it finds elsewhere is another such part: the start says which is meant.
-(Not in the paper, whose sequences start from the truth.)
+(Not in the paper, whose starts are the truth with a disturbance of untold size.)
 """
 
 from __future__ import annotations

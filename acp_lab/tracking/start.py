@@ -20,7 +20,6 @@ import numpy as np
 from acp_lab.errors import TrackingError
 from acp_lab.geometry.pose import transform
 from acp_lab.tracking.learning.knowledge import Off
-from acp_lab.tracking.result import TrackStep
 from acp_lab.tracking.schedule import EVERY_SAMPLE, Level
 from acp_lab.tracking.search import AGREEMENT_LEVEL, Cloud, Look, PoseSolver, Ranking, both_ways, one_way, search_on
 from acp_lab.tracking.solution import SeenFrame, Solution
@@ -170,7 +169,7 @@ def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart,
     found = solved if found is None else solver.settle(there, found, clock)
     ratio = _agreement_ratio(solver, seen, there, found)
     trusted = is_trusted(solver, seen, solved, config) and ratio >= config.surpassed
-    pose, steps = (view.prior, tuple[TrackStep, ...]()) if trusted else (found.cam_T_obj, found.steps)
+    pose = view.prior if trusted else found.cam_T_obj
     there = seen if trusted else there
     is_exact = trusted and is_trusted(solver, seen, solved, replace(config, agreement_alone=_NEVER))
     matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
@@ -182,7 +181,9 @@ def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart,
     looked = solver.look_at(there, there.view.at_pose(pose), LOOK_LEVEL, clock)
     if looked is None:
         there, looked = seen, solved
-    return Started(there, replace(looked, steps=steps), trusted, trusted or config.measures)
+    if not trusted:
+        looked = replace(looked, steps=found.steps, iterations=found.iterations)
+    return Started(there, looked, trusted, trusted or config.measures)
 
 
 def _agreement_ratio(solver: PoseSolver, seen: SeenFrame, there: SeenFrame, best: Solution) -> float:

@@ -50,6 +50,7 @@ class StateMachine:
         self.doubted = False
         self._low = self._high = 0
         self._lost = 0
+        self._has_begun = False
 
     def is_time_to_search(self) -> bool:
         """While lost: in the 1st, 2nd, 4th, 8th ... lost frame; a wide search takes as long as many frames.
@@ -60,8 +61,12 @@ class StateMachine:
 
     def begin(self, quality: float) -> str:
         """Take in the first frame's quality: nothing spoke for the part before, so no patience; as `update`."""
-        self._low = self.config.patience - 1
+        self._low, self._has_begun = self.config.patience - 1, True
         return self.update(quality)
+
+    def replay(self, quality: float) -> str:
+        """Take in the next quality of a run that was written down, from the first one on; as `update`."""
+        return self.update(quality) if self._has_begun else self.begin(quality)
 
     def may_begin_to_track(self, quality: float) -> bool:
         """Whether a frame of that quality may make a part that is lost, or weak and not doubted yet, a tracked one."""

@@ -39,7 +39,7 @@ class SteadyPictures:
         return frame
 
     def preview(self, frame: Frame, expected: FloatArray) -> Frame:
-        """What `steady` would give for a frame after the last; changes nothing."""
+        """What `steady` would give for a frame after the last, but for its own noise; changes nothing."""
         if self._tones is not None:
             frame = self._tones.preview(frame, self._middle_at(frame, expected))
         if self._noise is not None:

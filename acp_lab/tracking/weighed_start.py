@@ -6,7 +6,7 @@ sure, the distance between the two is the start's error, and an error of that si
 too (empirical Bayes). How well the frame agrees with the start says the same in another way, and without the image's
 pose: where edges are found close to the start, its error is small, and a pose that lies much farther away is one that
 looks alike. Both poses are fused by their covariances; a good start keeps its depth, a poor one does not.
-(Not in the paper, whose sequences start from the truth.)
+(Not in the paper, whose starts are the truth with a disturbance of untold size.)
 """
 
 from __future__ import annotations

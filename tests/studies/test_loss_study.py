@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from acp_lab.errors import SequenceError
-from acp_lab.imaging.distance import distance_map
 from acp_lab.studies.loss_study import ERASED_REACH_PX, LossChoice, LossStudyConfig, erase_edges, loss_study
 from acp_lab.tracking.targets.distance_map import DistanceTarget
 from tests.prepared_sample import sample_model, sample_scene
@@ -54,7 +53,7 @@ def test_erasing_takes_the_parts_edges_on_one_side() -> None:
     assert right.edges[10, :36].all()
     assert not right.edges[10, 45:].any()
     assert right.edges[40].all(), "what is not the part's stays"
-    np.testing.assert_allclose(right.maps[0], distance_map(right.edges))
+    np.testing.assert_array_equal(right.layers[0], right.edges)
     left = erase_edges(target, points, 0.5, np.pi)
     assert not left.edges[10, :34].any()
     assert left.edges[10, 45:].all()

@@ -3,7 +3,7 @@
 Soft pictures are sharpened more (`imaging.sharpness`). By how much is a matter of the camera, not of a frame: in one
 frame motion smears edges, in another glints or mere noise look sharper than any edge. So of what the last pictures told
 the median counts, and few are asked: the focus hardly changes, and asking takes its time.
-(Not in the paper, which takes pictures as they are; see docs/paper-ledger.md.)
+(The paper blurs and denoises every picture alike, IV-B; here by how soft it is. See docs/paper-ledger.md.)
 """
 
 from __future__ import annotations

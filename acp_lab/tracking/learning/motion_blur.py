@@ -4,7 +4,7 @@ A moving edge is smeared over what it moves while the shutter is open: a share o
 which no camera tells. Edges that cross their own motion show it: across them the slope of light is flat over the smear.
 With the share and the predicted motion every edge's smear is known before it is searched
 (`edge_search.half_widths`), also where it is hard to see.
-(Not in the paper, which has no motion blur; see docs/paper-ledger.md.)
+(Not in the paper; see docs/paper-ledger.md.)
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ class PaintedRidges:
     """Configuration: edge points read off the painted image alone.
 
     Attributes:
-        read: along ridges, or as bright pixels thinned, the paper's threshold.
+        read: along ridges, or as bright pixels thinned; how the paper does it, it does not say.
         level: the least brightness of an edge point, in (0, 1).
         frame: of painting, at the "pose" of I or at the "prediction"; a part whose auto-encoder was trained for the
             other one is refused.

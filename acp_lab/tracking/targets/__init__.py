@@ -26,7 +26,7 @@ class Target(Protocol):
         ...
 
     def agreement(self, edges: GeneratedEdges, at: Estimate, level: Level, sigma_px: float) -> float:
-        """In [0, 1]: how well the frame agrees with an estimate's edges, whatever was learnt of how they look.
+        """Up to 1: how well the frame agrees with an estimate's edges, whatever was learnt of how they look.
 
         sigma_px: how near an image edge must lie.
         """

@@ -14,13 +14,10 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray, Uint16Array, writable
 from acp_lab.tracking.learning.region_colours import RegionColours, colour_bin
+from acp_lab.tracking.targets.step_posterior import PLACES, SEGMENTS, WINDOW, SmoothStep
 
-# Places at which the step is tried, in segments about the line's middle, and the segments that each looks at.
-_PLACES, _WINDOW = 12, 8
-_SEGMENTS = _PLACES + _WINDOW - 1
-# Amplitude and steepness of the smoothed step function.
-_STEP = -0.43 * np.tanh(np.arange(_WINDOW) - 0.5 * (_WINDOW - 1))
-_OFFSETS = np.arange(_PLACES, dtype=np.float64) - 0.5 * (_PLACES - 1)
+_STEP = -SmoothStep().amplitude * np.tanh((np.arange(WINDOW) - 0.5 * (WINDOW - 1)) / (2.0 * SmoothStep().slope))
+_OFFSETS = np.arange(PLACES, dtype=np.float64) - 0.5 * (PLACES - 1)
 _MOST_LOG_ODDS = 4.0
 # px on either side of the outline that are compared for the margin, and lines below which there is none.
 _MARGIN_PX, _LEAST_LINES = 8, 4
@@ -122,7 +119,7 @@ def _in_image(
     """
     for i in range(len(points)):
         x, y = points[i, 0] - x0, points[i, 1] - y0
-        across, along = 0.5 * _SEGMENTS * abs(outward[i, 0]), 0.5 * _SEGMENTS * abs(outward[i, 1])
+        across, along = 0.5 * SEGMENTS * abs(outward[i, 0]), 0.5 * SEGMENTS * abs(outward[i, 1])
         inside[i] = (x - across >= 0.0) & (y - along >= 0.0) & (x + across <= right) & (y + along <= bottom)
 
 
@@ -161,28 +158,28 @@ def _posterior(
     free: FloatArray, scale: int, fade: float, step: FloatArray, least_variance: float, found: FloatArray,
 ) -> None:  # fmt: skip
     """Fill found (2, n): the posterior's mean in px, and its weight: a clean step's variance as a share of its own."""
-    segments, evidence, bins = np.empty(_SEGMENTS), np.empty(_PLACES), np.empty(_SEGMENTS * scale, np.int64)
-    first = -0.5 * (_SEGMENTS * scale - 1)
+    segments, evidence, bins = np.empty(SEGMENTS), np.empty(PLACES), np.empty(SEGMENTS * scale, np.int64)
+    first = -0.5 * (SEGMENTS * scale - 1)
     for i in range(len(points)):
         if free[i] < 2.0 * scale:
             found[0, i], found[1, i] = 0.0, 0.0
             continue
         _bins_on(pixels, points[i, 0] - x0, points[i, 1] - y0, outward[i, 0], outward[i, 1], first, bins)
-        for segment in range(_SEGMENTS):
+        for segment in range(SEGMENTS):
             total = 0.0
             for k in range(segment * scale, (segment + 1) * scale):
                 total += _odds_of(bins[k], log_odds)
             segments[segment] = min(max(total, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
         most = -np.inf
-        for place in range(_PLACES):
+        for place in range(PLACES):
             total = 0.0
-            for k in range(_WINDOW):
+            for k in range(WINDOW):
                 total += segments[np.uint64(place + k)] * step[np.uint64(k)]
             evidence[place] = total
             most = max(most, total)
         total, mean, square = 0.0, 0.0, 0.0
-        for place in range(_PLACES):
-            probability, offset = np.exp(evidence[place] - most), place - 0.5 * (_PLACES - 1)
+        for place in range(PLACES):
+            probability, offset = np.exp(evidence[place] - most), place - 0.5 * (PLACES - 1)
             total += probability
             mean += probability * offset
             square += probability * offset * offset
@@ -236,7 +233,7 @@ def _bins_along(
 
 def _variance_of_a_clean_step() -> float:
     """In squared segments, the least variance that a line is believed to have."""
-    log_odds = np.where(np.arange(_SEGMENTS) < 0.5 * _SEGMENTS, 3.0, -3.0)
+    log_odds = np.where(np.arange(SEGMENTS) < 0.5 * SEGMENTS, 3.0, -3.0)
     evidence = np.convolve(log_odds, _STEP[::-1], mode="valid")
     probability = np.exp(evidence - evidence.max())
     probability /= probability.sum()

@@ -18,7 +18,7 @@ import numpy as np
 
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import BoolArray, ByteImage, Float32Array, FloatArray, IntArray
+from acp_lab.geometry.arrays import BoolArray, ByteImage, FloatArray, IntArray
 from acp_lab.imaging.canny import CannyConfig, canny, to_grey
 from acp_lab.imaging.distance import distance_map
 from acp_lab.imaging.distance_at import ColumnDistances, column_distances, distances_at
@@ -178,7 +178,7 @@ class DistanceJudgement:
         height, width = target.edges.shape
         rows, columns = np.nonzero(target.edges)
         points = np.stack([columns, rows], 1) + np.array(target.origin)
-        return TargetView(points, target.origin, (width, height), target.maps[0])
+        return TargetView(points, target.origin, (width, height), distance_map(target.edges))
 
     @classmethod
     def of(
@@ -212,11 +212,6 @@ class DistanceTarget:
     edges: BoolArray
     layers: BoolArray
     origin: tuple[int, int]
-
-    @cached_property
-    def maps(self) -> Float32Array:
-        """(bins, h, w) px: the distance maps, for whoever wants to see them; `distances` does without."""
-        return np.stack([distance_map(layer) for layer in self.layers])
 
     @cached_property
     def _columns(self) -> ColumnDistances:

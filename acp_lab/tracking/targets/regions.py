@@ -63,7 +63,7 @@ class RegionLines:
         scatter_px: rms residual at which a line has half weight at fine levels; unknown_px: what is assumed at first;
             calibration_rate: share of a frame in the running mean.
         smooth_share: how much more lines count at fine levels where the outline is no crease.
-        fade_px: segments from the line's middle beyond which its posterior counts less.
+        fade_px: segments, of a px at the finest level, from the line's middle beyond which its posterior counts less.
         same_view_deg: how far the part may turn, as the camera sees it, until rays ask anew how far its lines are free.
     """
 

@@ -108,7 +108,7 @@ def test_a_direction_sees_only_its_own_edges() -> None:
 def test_bins_sort_a_square_into_upright_and_level_edges(square: ByteImage) -> None:
     one = distance_target(square, WHOLE, EdgeMapConfig())
     four = distance_target(square, WHOLE, EdgeMapConfig(orientation_bins=4))
-    assert four.maps.shape == (4, 70, 90)
+    assert four.layers.shape == (4, 70, 90)
     point, upright = np.array([[45.0, 24.0]]), np.array([[1.0, 0.0]])
     # Below the upper side, an edge point of an upright edge looks past it, to the sides left and right.
     assert one.distances(point, upright).values[0] < 6.0
@@ -212,9 +212,10 @@ def test_a_methods_edge_map_is_made_of_the_views_box_as_it_is_set(square: ByteIm
         shown = bound.judge(none, none, None).target_view  # type: ignore[arg-type]
         assert shown.origin == expected.origin == (20, 10)
         assert shown.distance_map is not None
-        np.testing.assert_array_equal(shown.distance_map, expected.maps[0])
-        plain = distance_target(square, view.box, usual).maps[0]
-        assert np.array_equal(shown.distance_map, plain) == (config == usual)
+        np.testing.assert_array_equal(shown.distance_map, distance_map(expected.edges))
+        plain = distance_map(distance_target(square, view.box, usual).edges)
+        # Of all directions together, however they are sorted.
+        assert np.array_equal(shown.distance_map, plain) == (replace(config, orientation_bins=1) == usual)
 
 
 def test_a_step_by_the_measure_goes_down_its_loss(line: tuple[DistanceTarget, GeneratedEdges]) -> None:
@@ -262,7 +263,7 @@ def test_the_target_view_is_the_edge_map(line: tuple[DistanceTarget, GeneratedEd
     np.testing.assert_array_equal(np.unique(view.edge_points[:, 0]), [27])
     assert view.edge_points[:, 1].min() == 3
     assert view.distance_map is not None
-    np.testing.assert_array_equal(view.distance_map, shifted.maps[0])
+    np.testing.assert_array_equal(view.distance_map, distance_map(shifted.edges))
 
 
 @pytest.mark.parametrize(
