@@ -22,7 +22,7 @@ from acp_lab.tracking.second_opinion import Question, second_opinion
 from acp_lab.tracking.solution import SeenFrame
 from acp_lab.tracking.start import Started, TrustedStart, begin
 from acp_lab.tracking.stopwatch import Stopwatch
-from acp_lab.tracking.turned import TurnChecker
+from acp_lab.tracking.turned import TURNED, TurnChecker
 
 
 class Beginning:
@@ -81,8 +81,7 @@ class Beginning:
         turned = self._turn_checker.at_start(frame, started.solution, clock)
         if turned is None:
             return started
-        note = "turned: only there the edges that tell are found"
-        return self._begun_anew(frame, look, turned, note, config, clock) or started
+        return self._begun_anew(frame, look, turned, TURNED, config, clock) or started
 
     def _asked_again(
         self, frame: Frame, look: Look, start: FloatArray, started: Started, config: TrustedStart, clock: Stopwatch

@@ -13,7 +13,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.pursuit import Pursuit
 from acp_lab.tracking.solution import Solution
 from acp_lab.tracking.stopwatch import Stopwatch
-from acp_lab.tracking.turned import TurnChecker
+from acp_lab.tracking.turned import TURNED, TurnChecker
 from acp_lab.tracking.whereabouts import Whereabouts
 
 
@@ -88,5 +88,4 @@ class Locator:
         if turned is None:
             return None
         self._pursuit.region = turned.solution.estimate.view.region
-        note = "turned: only there the edges that tell are found"
-        return Located(predicted, turned.solution, turned.solution.cam_T_obj, turned.is_leap, note)
+        return Located(predicted, turned.solution, turned.solution.cam_T_obj, turned.is_leap, TURNED)

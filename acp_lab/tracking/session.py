@@ -159,7 +159,8 @@ def follow_sequence(
 
     Raises:
         SequenceError: no trackers, one for several objects, no frames, or the first one cannot be read.
-        TrackingError: a part is not seen at its start pose.
+        ParameterError: another kind of argument, or a frame that is none.
+        TrackingError, GeometryError, PreparationError: as `Tracker.start`, of a start pose.
     """
     listening = _checked(observers)
     if not (max_frames is None or isinstance(max_frames, int)):

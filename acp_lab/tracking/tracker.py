@@ -154,6 +154,7 @@ class Tracker:
         One that is refused for the pose alone leaves an earlier track as it is.
 
         Raises:
+            ParameterError: it is no frame, such as a bare image.
             GeometryError: it is no pose: mirrored, scaled, not finite.
             TrackingError: the part at that pose is behind the camera, outside the image or shows too few edges.
             PreparationError: it is seen from a view region that the method's generator was not trained for.

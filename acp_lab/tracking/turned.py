@@ -38,6 +38,8 @@ _REACH_PX = 4
 _DIRECTIONS = 16
 """In half a round; edges that differ by less than two of them may be the same."""
 _TINY = 1e-6
+TURNED = "turned: only there the edges that tell are found"
+"""In the note of a frame that was solved at another turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +134,10 @@ class TurnChecker:
 
     def _tells(self, one: Compared) -> bool:
         """Whether enough says that the turned pose is the right one: of two wrong poses one is better, too."""
-        config = self._config
-        return one.found >= config.found and one.missed <= config.missed and one.evidence >= config.evidence
+        return one.tells(self._config.found, self._config.missed, self._config.evidence)
 
     def _tells_of_start(self, one: Compared) -> bool:
-        config = self._config
-        return one.found >= config.start_found and one.missed <= config.missed and one.evidence >= config.start_evidence
+        return one.tells(self._config.start_found, self._config.missed, self._config.start_evidence)
 
     def _next_of_all(self, count: int) -> list[int]:
         count = min(count, len(self._turns))
@@ -170,6 +170,10 @@ class Compared:
     def swapped(self) -> Compared:
         """What it says of the other pose."""
         return Compared(self.missed, self.found, self.count)
+
+    def tells(self, found: float, missed: float, evidence: float) -> bool:
+        """Whether it is for the turned pose: at least so much found and evidence, and no more missed."""
+        return self.found >= found and self.missed <= missed and self.evidence >= evidence
 
     @property
     def gain(self) -> float:
