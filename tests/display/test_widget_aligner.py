@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -176,6 +177,22 @@ def test_turning_keeps_the_centre_and_the_other_pose_fits_the_same_points(aligne
     aligner.take_other_pose()
     assert rotation_angle_deg(aligner.cam_T_obj[:3, :3], pose[:3, :3]) > 5.0
     assert np.abs(aligner.points_at(aligner.cam_T_obj) - points).max() < 12.0
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_points_that_sit_leave_the_pose_that_fits_them_whichever_came_first(seed: int) -> None:
+    """Halfway, four coplanar points may be nearer to the second pose, which fits nothing once they all sit."""
+    model, frame, truth = sample_model(), sample_scene().frame(0), sample_scene().first_pose
+    rng = np.random.default_rng(seed)
+    start = view_from_beside(model, frame, truth, 40.0, 60.0, rng)
+    for order in itertools.permutations(range(4)):
+        aligner = PoseAligner(model, frame, start)
+        targets = aligner.points_at(truth) + rng.uniform(-3.0, 3.0, (4, 2))
+        for index in order:
+            aligner.editor.dragging = True
+            drag(aligner.editor, index, targets[index], steps=2)
+        assert np.abs(aligner.points_at(aligner.cam_T_obj) - targets).max() < 4.0, order
+        aligner.close()
 
 
 def test_corners_clicked_on_model_and_image_give_the_pose(aligner: PoseAligner) -> None:

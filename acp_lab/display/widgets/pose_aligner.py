@@ -52,6 +52,9 @@ TURN_DEG = 15.0
 DEPTH_STEP = 0.1
 LIGHT_SAMPLES = 700
 """Edge points drawn while something is dragged."""
+SAME_FIT, SAME_FIT_PX = 2.0, 1.0
+"""Of the two poses of four points, one fits no worse while it is off by at most SAME_FIT times what the other is off by
+plus SAME_FIT_PX, in px (rms)."""
 HINT = "drag the points, or the area between them, until the edges sit on the part"
 CLICK, DRAG = "click corners", "drag four points"
 
@@ -217,7 +220,7 @@ class PoseAligner(Still, ipywidgets.VBox):
         if self._is_linking or not self.editor.is_good:
             return
         try:
-            self._follow_with(self._solutions().nearest(self.cam_T_obj))
+            self._follow_with(_nearest_that_fits(self._solutions(), self.cam_T_obj))
         except GeometryError as error:
             self.editor.problem = str(error)
 
@@ -375,3 +378,15 @@ def _holds(path: Path, pose: FloatArray) -> bool:
 
 def _calling(action: Any, argument: int) -> Any:
     return lambda: action(argument)
+
+
+def _nearest_that_fits(found: PlanarPnP, prior: FloatArray) -> FloatArray:
+    """The pose nearer to the prior (4, 4), unless the other one fits the points far better.
+
+    A hand may lead the points past the place where the two poses part: nearness alone would then keep the wrong one
+    for good, however exactly the points sit in the end.
+    """
+    best_px, other_px = found.reprojection_px
+    if other_px > SAME_FIT * best_px + SAME_FIT_PX:
+        return found.poses[0]
+    return found.nearest(prior)
