@@ -67,6 +67,7 @@ def region_scores(direction_obj: np.ndarray, half_size: np.ndarray) -> np.ndarra
         (..., 6); the largest names the region, equal ones lie on a border.
     """
     # A plate's rim regions would reach down to where its broad sides are seen edge-on; W is widened likewise.
+    # Deviation from the paper, which takes the box as it is.
     half_size = np.maximum(half_size, MIN_SIDE_RATIO * np.max(half_size))
     leaning = np.asarray(direction_obj) / half_size
     return np.stack([leaning, -leaning], -1).reshape(*leaning.shape[:-1], REGION_COUNT)
@@ -81,7 +82,8 @@ def choose_region(
 ) -> int:
     """The view region of a direction (3,); the current one is kept until another leads by `hysteresis`.
 
-    Without hysteresis a part that hovers at a border would swap its control points in every frame.
+    Without hysteresis a part that hovers at a border would swap its control points in every frame. (Deviation from the
+    paper, which has none.)
     `among`: the regions to choose from, one or more.
     """
     # As `region_scores`, number by number: this is asked for several times in every frame.

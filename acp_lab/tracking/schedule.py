@@ -1,7 +1,7 @@
 """Coarse to fine: how far each level looks, how wide it captures, and how many edge points it takes.
 
 The paper has one alpha, as a share of the part's diameter in the image. Annealing it from wide to narrow is what
-lets one method both find the way and fine-tune.
+lets one method both find the way and fine-tune. (Deviation from the paper; shares of (1.0,) are its one alpha.)
 """
 
 from __future__ import annotations

@@ -19,24 +19,15 @@ def jpeg_bytes(image: ByteImage | None) -> bytes:
 
     Raises AcpLabError for another shape or type.
     """
-    return _encoded(image, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-
-
-def png_bytes(image: ByteImage | None) -> bytes:
-    """A drawing or a map as PNG, every pixel as it is; otherwise as `jpeg_bytes`."""
-    return _encoded(image, ".png", [cv2.IMWRITE_PNG_COMPRESSION, 3])
-
-
-def image_size(image: ByteImage | None) -> tuple[int, int]:
-    """(width, height) px; (0, 0) for None."""
-    return (0, 0) if image is None or image.size == 0 else (image.shape[1], image.shape[0])
-
-
-def _encoded(image: ByteImage | None, suffix: str, settings: list[int]) -> bytes:
     if image is None or image.size == 0:
         return b""
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
         raise AcpLabError(f"a picture of {image.dtype} {image.shape}: give uint8 pixels (h, w) or RGB (h, w, 3)")
     ordered = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
-    _, encoded = cv2.imencode(suffix, ordered, settings)
+    _, encoded = cv2.imencode(".jpg", ordered, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return bytes(encoded)
+
+
+def image_size(image: ByteImage | None) -> tuple[int, int]:
+    """(width, height) px; (0, 0) for None."""
+    return (0, 0) if image is None or image.size == 0 else (image.shape[1], image.shape[0])

@@ -61,7 +61,8 @@ class DistanceMap:
     """Configuration: generated edge points look up their distance to the nearest image edge (the paper).
 
     Attributes:
-        loss: e(I) of a distance, see `losses`; "printed" cannot be minimised and is refused.
+        loss: e(I) of a distance, see `losses`; "printed", eq. 6, cannot be minimised and is refused. (The default is a
+            deviation from the paper: what its text means by a lower weight beyond alpha.)
         edge_map: how the edges of the frame are found.
         precision: information of an edge point of full weight, per squared px; how much this measure counts beside
             others and beside a motion prior.
