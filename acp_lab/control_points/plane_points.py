@@ -12,7 +12,8 @@ each in units of half the box (a plate counts as thicker, as in `region_scores`)
 keeps at least `1 - |s| - |t|` of the area that the mid-section's has there; from as far into the neighbouring regions
 as hysteresis goes (15%), `1 - 1.15 (|s| + |t|)`. So `|s| + |t|` stays below `LARGEST_TILT`: more than 0.4 of the
 area is left from everywhere, and the quad never turns its back. `|o|` stays below 1, inside the box, and the places in
-the plane within `LARGEST_SHIFT` of the corners, so that four points stay a convex quad. (Deviation from the paper, which has no bounds.)
+the plane within `LARGEST_SHIFT` of the corners, so that four points stay a convex quad. (Deviation from the paper,
+which has no bounds.)
 """
 
 from __future__ import annotations

@@ -33,6 +33,7 @@ CAD's own edge samples. Any other sum of parts is a method too, by `dataclasses.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
@@ -43,6 +44,7 @@ from acp_lab.geometry.arrays import FloatArray
 from acp_lab.imaging.edge_search import AS_THEY_ARE
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.camera_motion import CameraMotion
+from acp_lab.tracking.choices import check_choices
 from acp_lab.tracking.confidence import EDGES_ALONE, Confidence
 from acp_lab.tracking.denoising import Denoising
 from acp_lab.tracking.kalman import KalmanPrediction
@@ -122,6 +124,7 @@ class Method:
         judges_matches = any(isinstance(target, NormalSearch) for target in self.targets[:1])
         learns_samples = isinstance(self.learning, SampleLearning)
         sees_contours = any(isinstance(target, ContourRegions | EdgeConfidence) for target in self.targets)
+        learning = [target.kind for target in self.targets if target.learns]
         binds_levels = any(isinstance(target, NormalSearch) and target.bind == "level" for target in self.targets)
         sees_regions = any(isinstance(target, RegionLines) for target in self.targets)
         varies_points = isinstance(self.variables, ControlPointVariables)
@@ -166,8 +169,8 @@ class Method:
                 'give direction = "rigid", or lengths = "image"',
             ),
             (
-                not sees_contours or not isinstance(self.learning, Off),
-                'targets.kind = "contour-regions", "edge-confidence": colours must be learnt: '
+                not learning or not isinstance(self.learning, Off),
+                f"targets.kind = {json.dumps(learning)[1:-1]}: what it keeps of frames, as colours, must be learnt: "
                 'give learning.kind = "targets"',
             ),
             (
@@ -175,8 +178,8 @@ class Method:
                 'targets.kind = "contour-regions", "edge-confidence": needs outlines: give source.kind = "cad-samples"',
             ),
             (
-                not isinstance(self.learning, TargetLearning) or sees_contours,
-                'learning.kind = "targets": no target of this method learns: give learning.kind = "off"',
+                not isinstance(self.learning, TargetLearning) or bool(learning),
+                'learning.kind = "targets": no target of this method learns by itself: give learning.kind = "off"',
             ),
             (
                 not (self._regenerates and binds_levels),
@@ -229,6 +232,10 @@ class Method:
                         f"method {self.name}: {field_.name} = {one!r:.40}: give its settings, such as those of "
                         "acp.METHODS['acp'], or Off()"
                     )
+        try:
+            check_choices(self)
+        except TrackingError as error:
+            raise TrackingError(f"method {self.name}: {error}") from None
 
     @property
     def _regenerates(self) -> bool:

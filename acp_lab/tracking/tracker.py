@@ -371,8 +371,8 @@ class Tracker:
     def _learn(self, frame: Frame, solution: Solution, clock: Stopwatch, trusted: bool = False) -> None:
         clock.lap()
         knowledge, quality = self.solver.knowledge, solution.judgement.quality
-        if knowledge.learns_from(quality, self._pursuit.usual.mean_quality):
-            if knowledge.is_new(frame.camera, solution.cam_T_obj, quality):
+        if knowledge.trusts(quality, self._pursuit.usual.mean_quality):
+            if knowledge.learns and knowledge.is_new(frame.camera, solution.cam_T_obj, quality):
                 for judgement in solution.judgements:
                     judgement.learn(trusted)
             self._pursuit.remember(frame, solution.cam_T_obj)

@@ -346,11 +346,17 @@ class SampleKnowledge:
         if self.polarity is not None:
             self.polarity.forget()
 
-    def learns_from(self, quality: float, mean_quality: float) -> bool:
-        """Whether a frame of that quality teaches anything."""
-        if isinstance(self.config, TargetLearning):
-            return quality >= self.config.learn_above * mean_quality
-        return isinstance(self.config, SampleLearning) and quality > self.config.learn_above * mean_quality
+    @property
+    def learns(self) -> bool:
+        """Whether frames teach anything at all."""
+        return not isinstance(self.config, Off)
+
+    def trusts(self, quality: float, mean_quality: float) -> bool:
+        """Whether a frame of that quality may teach, and be looked back to; each may where nothing is learnt."""
+        if isinstance(self.config, Off):
+            return True
+        least = self.config.learn_above * mean_quality
+        return quality >= least if isinstance(self.config, TargetLearning) else quality > least
 
     def is_new(self, camera: Camera, cam_T_obj: FloatArray, quality: float) -> bool:
         """Whether a frame that may teach shows what the last one that taught did not, see `Novelty`.

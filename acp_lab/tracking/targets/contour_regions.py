@@ -52,6 +52,7 @@ class ContourRegions:
 
     kind: ClassVar[str] = "contour-regions"
     searches: ClassVar[bool] = True
+    learns: ClassVar[bool] = True
     lines: int = 200
     step: SmoothStep = field(default_factory=SmoothStep)
     local_rate: float = 1.3

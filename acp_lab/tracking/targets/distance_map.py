@@ -70,6 +70,7 @@ class DistanceMap:
 
     kind: ClassVar[str] = "distance-map"
     searches: ClassVar[bool] = False
+    learns: ClassVar[bool] = False
     loss: LossForm = "geman-mcclure"
     edge_map: EdgeMapConfig = field(default_factory=EdgeMapConfig)
     precision: float = 6.0

@@ -49,12 +49,13 @@ class EdgeConfidence:
         beside_px: how many pixels on either side of an image edge are asked for their colours.
         gap_px: pixels next to the edge that are not asked: a blurred edge mixes the colours of both sides.
         least_contrast: score in [0, 1] below which an image edge is noise.
-        reach_px: how far a line is free of other outlines, at most; colours are learnt within.
-        colours: how they are learnt.
+        reach_px: how far a line is free of other outlines, at most.
+        colours: how they are learnt, and how far from the outline.
     """
 
     kind: ClassVar[str] = "edge-confidence"
     searches: ClassVar[bool] = True
+    learns: ClassVar[bool] = True
     lines: int = 200
     search: SearchConfig = AS_THEY_ARE
     beside_px: int = 5

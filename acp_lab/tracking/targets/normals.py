@@ -56,6 +56,7 @@ class NormalSearch:
 
     kind: ClassVar[str] = "normals"
     searches: ClassVar[bool] = True
+    learns: ClassVar[bool] = False
     search: SearchConfig = field(default_factory=SearchConfig)
     bind: Literal["level", "step"] = "level"
     outlier: float = 0.5

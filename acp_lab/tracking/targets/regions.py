@@ -69,6 +69,7 @@ class RegionLines:
 
     kind: ClassVar[str] = "regions"
     searches: ClassVar[bool] = False
+    learns: ClassVar[bool] = False
     lines: int = 200
     reach_px: float = 12.0
     colours: ColourConfig = field(default_factory=ColourConfig)

@@ -130,9 +130,11 @@ def test_trust_counts_only_on_fine_levels(broken: PreparedPart, edges: Generated
 
 def test_a_frame_much_worse_than_usual_teaches_nothing(broken: PreparedPart) -> None:
     knowledge = SampleKnowledge(replace(ALL, learn_above=0.7), broken)
-    assert knowledge.learns_from(0.36, 0.5)
-    assert not knowledge.learns_from(0.35, 0.5)
-    assert not SampleKnowledge(Off(), broken).learns_from(1.0, 0.1)
+    assert knowledge.learns
+    assert knowledge.trusts(0.36, 0.5)
+    assert not knowledge.trusts(0.35, 0.5)
+    assert not SampleKnowledge(Off(), broken).learns
+    assert SampleKnowledge(Off(), broken).trusts(0.1, 1.0)
 
 
 def test_a_trusted_pose_teaches_offsets_and_a_tracked_one_does_not(

@@ -248,7 +248,7 @@ def test_a_colour_like_the_ground_lowers_the_quality(part: Part, model: Prepared
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"learning": Off()}, "colours must be learnt"),
+        ({"learning": Off()}, "colours, must be learnt"),
         ({"targets": (NormalSearch(),)}, "no target of this method learns"),
     ],
 )

@@ -125,7 +125,7 @@ def test_a_part_that_is_gone_lowers_the_quality(part: Part, model: PreparedPart,
 
 
 def test_sums_in_which_a_setting_would_be_ignored() -> None:
-    with pytest.raises(TrackingError, match="colours must be learnt"):
+    with pytest.raises(TrackingError, match="colours, must be learnt"):
         replace(SLET, learning=Off())
     with pytest.raises(TrackingError, match="colours follow those of a level"):
         replace(REGION_POINTS, variables=ControlPointVariables(direction="autograd"))
