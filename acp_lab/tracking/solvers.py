@@ -148,13 +148,13 @@ class Problem:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """H s = g of one linearisation: hessian (k, k), gradient (k,)."""
+    """H s = d of one linearisation: hessian (k, k), and downhill (k,), which is minus the gradient of e."""
 
     hessian: FloatArray
-    gradient: FloatArray
+    downhill: FloatArray
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
-        return NormalEquations(self.hessian + other.hessian, self.gradient + other.gradient)
+        return NormalEquations(self.hessian + other.hessian, self.downhill + other.downhill)
 
     def step(self, damping: float) -> FloatArray:
         """The step (k,), damped by a multiple of the diagonal; zeros where a direction is unobserved and undamped."""
@@ -163,9 +163,9 @@ class NormalEquations:
             diagonal = np.diagonal(hessian)
             hessian = hessian + np.diag(damping * diagonal + _TINY * diagonal.max(initial=1.0))
         try:
-            return np.asarray(np.linalg.solve(hessian, self.gradient), np.float64)
+            return np.asarray(np.linalg.solve(hessian, self.downhill), np.float64)
         except np.linalg.LinAlgError:
-            return np.zeros(len(self.gradient))
+            return np.zeros(len(self.downhill))
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class Adam:
 
         def rule(equations: NormalEquations, number: int) -> FloatArray:
             nonlocal mean, square
-            downhill = equations.gradient * problem.scale
+            downhill = equations.downhill * problem.scale
             rate = self.rate * (0.55 + 0.45 * np.cos(np.pi * number / self.steps))
             mean, square = 0.9 * mean + 0.1 * downhill, 0.999 * square + 0.001 * downhill**2
             unbiased, spread = mean / (1.0 - 0.9 ** (number + 1)), square / (1.0 - 0.999 ** (number + 1))

@@ -41,7 +41,7 @@ def test_damping_costs_the_mean_squared_motion_of_the_control_points(view: View,
         equations = prior.equations(moved, TOTAL)
         assert step @ equations.hessian @ step == pytest.approx(0.5 * (motion**2).sum(1).mean(), rel=1e-2)
         # Wherever the estimate is: what was done is done, only moving on costs.
-        np.testing.assert_array_equal(equations.gradient, np.zeros(6))
+        np.testing.assert_array_equal(equations.downhill, np.zeros(6))
         assert prior.loss(moved, TOTAL) == 0.0
 
 
@@ -50,7 +50,7 @@ def test_damping_of_free_control_points_is_in_the_same_units(view: View) -> None
     equations = ControlPointDamping(0.5).bind(ControlPointVariables(), start).equations(start, TOTAL)
     step = np.tile([3.0, -4.0], 4)
     assert step @ equations.hessian @ step == pytest.approx(0.5 * 25.0)
-    np.testing.assert_array_equal(equations.gradient, np.zeros(8))
+    np.testing.assert_array_equal(equations.downhill, np.zeros(8))
 
 
 def test_the_rigidity_prior_sees_what_no_rigid_motion_makes(view: View, rng: np.random.Generator) -> None:
@@ -68,7 +68,7 @@ def test_the_rigidity_prior_sees_what_no_rigid_motion_makes(view: View, rng: np.
     bent = view.at_points(start.control_points + bend)
     assert prior.loss(bent, TOTAL) > 0.5 * 3.0 * 0.5**2
     # Going back is what is asked for: there the gradient ends, and on the way it is that of the loss.
-    gradient = prior.equations(bent, TOTAL).gradient
+    gradient = prior.equations(bent, TOTAL).downhill
     np.testing.assert_allclose(gradient, hessian @ -bend.ravel(), atol=1e-3)
     for k in range(8):
         nudge = 1e-4 * np.eye(8)[k].reshape(4, 2)
@@ -118,10 +118,10 @@ def test_the_motion_priors_equations_are_those_of_its_loss(
             ahead, behind = (prior.loss(stepped(at, variables, s * size * nudge), TOTAL) for s in (1.0, -1.0))
             slopes.append((ahead - behind) / (2.0 * size))
         # Turns do not add up quite, and PnP is not quite least squares.
-        slack = 0.03 * np.abs(equations.gradient).max()
-        np.testing.assert_allclose(slopes, -equations.gradient, atol=slack)
+        slack = 0.03 * np.abs(equations.downhill).max()
+        np.testing.assert_allclose(slopes, -equations.downhill, atol=slack)
         # One undamped step along the rigid motions is back at the prediction.
-        back = np.linalg.pinv(equations.hessian, rcond=1e-9) @ equations.gradient
+        back = np.linalg.pinv(equations.hessian, rcond=1e-9) @ equations.downhill
         again = stepped(at, variables, back).cam_T_obj
         off = pose_step_between(view.prior, again, view.part.box_centre)
         assert np.abs(off / np.repeat([0.01, 1.0], 3)).max() < 0.1

@@ -296,7 +296,7 @@ class Absolute(Towards):
 
     def equations(self, at: Estimate, total: float) -> NormalEquations:
         found = super().equations(at, total)
-        return NormalEquations(found.hessian / total, found.gradient / total)
+        return NormalEquations(found.hessian / total, found.downhill / total)
 
     def loss(self, at: Estimate, total: float) -> float:
         return super().loss(at, total) / total
@@ -356,7 +356,7 @@ def test_several_measures_add_up_each_with_its_precision(seed: int, share: float
     weights = np.concatenate([weights / weights.sum(), np.full(8, 0.3), np.full(8, 20.0 / weights.sum())])
     found = both.normal_equations(ANY)
     np.testing.assert_allclose(found.hessian, rows.T @ (weights[:, None] * rows), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(found.gradient, rows.T @ (weights * residuals), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.downhill, rows.T @ (weights * residuals), rtol=1e-9, atol=1e-9)
     # e is the mean, so that with one measure it is this measure's, however precise.
     expected_loss = (2.0 * first.loss + share * second.loss) / (2.0 + share)
     expected_loss += 0.5 * 0.3 * float((prior.rest**2).sum())
@@ -369,7 +369,7 @@ def test_the_gradient_is_that_of_the_loss(edges: GeneratedEdges) -> None:
     measures = [WeightedMeasure(KnownFit(edges)), WeightedMeasure(KnownFit(edges, GOAL + 3.0), 0.5)]
     motion = HomographyMotion(edges, START)
     made = Problem(motion, measures, [PullFirst(0.2), PullFirstSurely(40.0)])
-    gradient = made.normal_equations(at(START)).gradient
+    gradient = made.normal_equations(at(START)).downhill
     for k in range(8):
         step = 1e-4 * np.eye(8)[k]
         slope = (made.loss(motion.moved(at(START), step)) - made.loss(motion.moved(at(START), -step))) / 2e-4
@@ -417,7 +417,7 @@ def test_marquardts_damping_is_a_multiple_of_the_diagonal() -> None:
     rows = rng.standard_normal((12, 6))
     equations = NormalEquations(rows.T @ rows, rng.standard_normal(6))
     hessian = equations.hessian + 0.5 * np.diag(np.diagonal(equations.hessian))
-    np.testing.assert_allclose(equations.step(0.5), np.linalg.solve(hessian, equations.gradient), rtol=1e-6)
+    np.testing.assert_allclose(equations.step(0.5), np.linalg.solve(hessian, equations.downhill), rtol=1e-6)
 
 
 def test_few_samples_move_the_part_no_further_than_they_say() -> None:

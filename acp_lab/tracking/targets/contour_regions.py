@@ -219,12 +219,12 @@ class ContourMeasure:
         self._certainty = least / self._variance if colours.is_known else np.zeros(len(points))
         self.directions[self._rows] = outward
 
-    def __call__(self, edges: GeneratedEdges) -> ContourMeasurement:
+    def __call__(self, edges: GeneratedEdges) -> LineMeasurement:
         """Residuals of the lines where their points are now: of the Gaussian at first, then of the slope."""
         residuals, weights = np.zeros(len(edges)), np.zeros(len(edges))
         points = np.ascontiguousarray(edges.points)
         loss = newton_steps(*self.posteriors, points, self.start, self.directions, residuals, weights)
-        return ContourMeasurement(residuals, self.directions, weights, loss)
+        return LineMeasurement(residuals, self.directions, weights, loss)
 
     @property
     def posteriors(self) -> tuple[FloatArray, FloatArray, FloatArray, float, float, IntArray]:
@@ -232,7 +232,7 @@ class ContourMeasure:
         return self._found, self._variance, self._certainty, float(self.scale), self._rate, self._rows
 
     def reported_loss(self, edges: GeneratedEdges) -> float:
-        """Half the squared distance to the posteriors' means, weighted, the mean over the lines, px^2."""
+        """Half the squared distance to the posteriors' means, weighted, the mean over the edge points, px^2."""
         return self(edges).loss
 
     def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> ContourJudgement:
@@ -247,7 +247,8 @@ def newton_steps(
     found: FloatArray, variance: FloatArray, certainty: FloatArray, scale: float, rate: float, rows: IntArray,
     points: FloatArray, start: FloatArray, directions: FloatArray, residuals: FloatArray, weights: FloatArray,
 ) -> float:  # fmt: skip
-    """Fill residuals (n,) px and weights (n,) of the edge points that are lines; returns the loss.
+    """Fill residuals (n,) px and weights (n,) of the edge points that are lines; returns the loss, the mean
+    over the edge points.
 
     found, variance, certainty: of the m lines, whose edge points are `rows`. Where no line has moved since the
     posteriors were taken, a step goes to the Gaussian's mean; afterwards, by the slope of the log-posterior between the
@@ -272,11 +273,11 @@ def newton_steps(
                 continue
             step = rate * variance[i] * (found[i, lower + 1] - found[i, lower])
         residuals[row], weights[row] = scale * step, weight
-    return loss / max(len(rows), 1)
+    return loss / max(len(points), 1)
 
 
 @dataclass(frozen=True, eq=False)
-class ContourMeasurement:
+class LineMeasurement:
     """See `solvers.Measurement`: residuals (n,) px along directions (n, 2), weights (n,), loss px^2."""
 
     residuals: FloatArray

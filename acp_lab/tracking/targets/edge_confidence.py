@@ -36,7 +36,7 @@ from acp_lab.tracking.learning.region_colours import ColourConfig
 from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets import QUALITY_SIGMA_PX
-from acp_lab.tracking.targets.contour_regions import ContourMemory, ContourRegions, ContourTarget
+from acp_lab.tracking.targets.contour_regions import ContourMemory, ContourRegions, ContourTarget, LineMeasurement
 from acp_lab.tracking.targets.correspondence_lines import ColourCrop, CorrespondenceLines
 
 
@@ -140,13 +140,13 @@ class ConfidenceMeasure:
             )  # fmt: skip
             self.sureness[found.scores < config.least_contrast] = 0.0
 
-    def __call__(self, edges: GeneratedEdges) -> ConfidenceMeasurement:
+    def __call__(self, edges: GeneratedEdges) -> LineMeasurement:
         """Of each line the surest edge, from where its point is now."""
         distances, confidence = self._chosen(edges, self._sigma_px)
         residuals, weights = np.zeros(len(edges)), np.zeros(len(edges))
         residuals[self.lines.rows], weights[self.lines.rows] = distances, confidence
-        loss = 0.5 * float((confidence * distances**2).mean()) if len(distances) else 0.0
-        return ConfidenceMeasurement(residuals, self.directions, weights, loss)
+        loss = 0.5 * float(confidence @ distances**2) / max(len(edges), 1)
+        return LineMeasurement(residuals, self.directions, weights, loss)
 
     def confidence_within(self, sigma_px: float, edges: GeneratedEdges | None = None) -> FloatArray:
         """(l,) of each line's surest edge, at edge points, where they were bound by default."""
@@ -164,7 +164,7 @@ class ConfidenceMeasure:
         return distances[best], confidence[best]
 
     def reported_loss(self, edges: GeneratedEdges) -> float:
-        """Half the squared distance to the chosen edges, by their confidence, the mean over the lines, px^2."""
+        """Half the squared distance to the chosen edges, by their confidence, the mean over the edge points, px^2."""
         return self(edges).loss
 
     def judge(self, moved: GeneratedEdges, drawn: GeneratedEdges, at: Estimate) -> ConfidenceJudgement:
@@ -198,16 +198,6 @@ def _outline_shares(
                             outside += log_odds[bins[row, column]]
             if inside > 0.0 and outside < 0.0:
                 shares[line, k] = 1.0 / (1.0 + np.exp(outside) + np.exp(-inside))
-
-
-@dataclass(frozen=True, eq=False)
-class ConfidenceMeasurement:
-    """See `solvers.Measurement`: residuals (n,) px along directions (n, 2), weights (n,), loss px^2."""
-
-    residuals: FloatArray
-    directions: FloatArray
-    weights: FloatArray
-    loss: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,6 +88,7 @@ def test_edges_of_the_background_are_passed_over(part: Part, model: PreparedPart
     told = measure(shifted)
     sideways = (told.weights > 0.5) & (np.abs(told.directions[:, 0]) > 0.7)
     off_px = np.abs(told.residuals + 5.0 * told.directions[:, 0])[sideways]
+    assert told.loss == pytest.approx(0.5 * (told.weights @ told.residuals**2) / len(shifted)), "over the edge points"
     assert sideways.sum() > 15
     assert np.median(off_px) < 1.0
     # The nearest image edge, whatever its colours, is often a stripe.
