@@ -200,8 +200,10 @@ def name_of(scene: BopScene) -> str:
 
 
 def set_of(scene: BopScene) -> str:
-    """The data set's name; the shipped sample's folder is called data."""
-    return "sample" if scene.dataset.name == "data" else scene.dataset.name
+    """The data set's name; that of the package's own is "sample"."""
+    from acp_lab.bench.protocol import dataset_name
+
+    return dataset_name(scene.dataset.root)
 
 
 def load(parts: Path, scene: BopScene) -> PreparedPart:

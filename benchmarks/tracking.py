@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 RECALLS = ("recall_2", "recall_5", "recall_10")
 UNITS = {
     "@*": "share of frames with ADD (ADD-S for symmetric parts) below 2, 5, 10% of the diameter",
-    "add": "% of the diameter, median over frames",
+    "add": "ADD (ADD-S for symmetric parts), % of the diameter: the median over a run's frames, mean over runs",
     "lost": "runs with ADD above 30% of the diameter in any frame",
     "runs": "runs",
-    "ms": "ms per frame, median",
+    "ms": "ms per frame by the clock: the median over a run's frames, median over runs",
 }
 
 
