@@ -27,7 +27,7 @@ from acp_lab.sequences.frame import Frame, check_frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, MagnifyingGlass, appears_px
 from acp_lab.tracking.method import method_named
-from acp_lab.tracking.search import WIDE_LEVELS
+from acp_lab.tracking.search import CLOUD_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
 
 ACCEPTED = 0.8
@@ -274,7 +274,7 @@ class Finder:
         x0, y0, x1, y1 = seen.view.box
         yield LOOK_WORK * (x1 - x0) * (y1 - y0)
         at = seen.view.at_pose(pose)
-        for level in WIDE_LEVELS[1:]:
+        for level in CLOUD_LEVELS:
             solution = self._solver.solve(seen, at, Stopwatch(), (level,))
             yield LEVEL_WORK
             if solution is None or not np.isfinite(solution.cam_T_obj).all():

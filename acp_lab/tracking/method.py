@@ -57,7 +57,7 @@ from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePred
 from acp_lab.tracking.priors import ControlPointDamping, MotionPrior, RigidityPrior, TikhonovPrior
 from acp_lab.tracking.recovery import Alternatives, SecondTries, WayBack
 from acp_lab.tracking.schedule import Level, PixelSchedule, ShareSchedule
-from acp_lab.tracking.solvers import Adam, GaussNewton, LevenbergMarquardt
+from acp_lab.tracking.solvers import GaussNewton, Solver
 from acp_lab.tracking.sources import EdgeSource
 from acp_lab.tracking.sources.painted import PaintedRidges, PaintedSamples
 from acp_lab.tracking.sources.rigid import CadSamples
@@ -77,7 +77,6 @@ Variables = ControlPointVariables | PoseVariables
 TargetConfig = DistanceMap | NormalSearch | RegionLines | ContourRegions | EdgeConfidence
 Schedule = PixelSchedule | ShareSchedule
 PriorConfig = ControlPointDamping | RigidityPrior | MotionPrior | TikhonovPrior
-SolverConfig = GaussNewton | LevenbergMarquardt | Adam
 PredictionConfig = ConstantVelocityPrediction | LastPosePrediction | KalmanPrediction
 
 
@@ -102,7 +101,7 @@ class Method:
     targets: tuple[TargetConfig, ...] = (NormalSearch(), RegionLines())
     schedule: Schedule = field(default_factory=PixelSchedule)
     priors: tuple[PriorConfig, ...] = (ControlPointDamping(), MotionPrior())
-    solver: SolverConfig = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0, last_px=0.03))
+    solver: Solver = field(default_factory=lambda: GaussNewton(steps=3, damping=0.0, last_px=0.03))
     tones: ToneMatching | Off = field(default_factory=ToneMatching)
     denoising: Denoising | Off = field(default_factory=Denoising)
     prediction: PredictionConfig = field(default_factory=KalmanPrediction)

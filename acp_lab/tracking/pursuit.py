@@ -19,7 +19,7 @@ from acp_lab.tracking.picture_memory import PictureMemory
 from acp_lab.tracking.recovery import Situation, recover
 from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.schedule import Level, PixelSchedule
-from acp_lab.tracking.search import WIDE_LEVELS, better, is_plausible
+from acp_lab.tracking.search import CLOUD_LEVELS, better, is_plausible
 from acp_lab.tracking.solution import SeenFrame, Solution
 from acp_lab.tracking.states import StateMachine
 from acp_lab.tracking.stopwatch import Stopwatch
@@ -170,7 +170,7 @@ class Pursuit:
         for pose in poses:
             self.region = self.solver.choose_region(pose)
             seen = self.look(frame, pose, clock)
-            wide = None if seen is None else self.solver.solve(seen, seen.view.at_pose(pose), clock, WIDE_LEVELS[1:])
+            wide = None if seen is None else self.solver.solve(seen, seen.view.at_pose(pose), clock, CLOUD_LEVELS)
             tried = None if seen is None or wide is None else self.solver.solve(seen, wide.estimate, clock)
             if tried is not None and (best is None or tried.score > best.score):
                 best, region = tried, self.region

@@ -33,7 +33,9 @@ LOOK_AROUND = Level(12, 5.0, 150)
 """For choosing among poses of which none is near: wide, and with few samples."""
 REGIONS_FIRST = (Level(20, 8.0, 250, 0.01), Level(14, 5.0, 250, 0.02), Level(8, 2.0, 400, 0.1))
 """With edges that hardly count at first, from where regions see the part."""
-_CLOUD_LEVELS, _FINE_LEVELS = WIDE_LEVELS[1:], (Level(8, 2.0, 400), Level(5, 1.0, 600))
+CLOUD_LEVELS = WIDE_LEVELS[1:]
+"""From poses that are not so far off, as those of a cloud or of the detector."""
+_FINE_LEVELS = (Level(8, 2.0, 400), Level(5, 1.0, 600))
 # Standard deviations from the middle of a cloud to its rim: the rms distance of its poses, over all six directions.
 _RIM = 2.45
 _RING = 8
@@ -196,7 +198,7 @@ def search_cloud(
     The frame is looked at afresh: how far lines across the outline are free is asked once, and not at poses of a cloud.
     """
     seen = solver.afresh(seen)
-    plan = SearchPlan(_CLOUD_LEVELS, cloud.finalists, _FINE_LEVELS)
+    plan = SearchPlan(CLOUD_LEVELS, cloud.finalists, _FINE_LEVELS)
     poses = cloud.around(cam_T_obj, solver.part)
     return search_among(solver, seen, poses, seen.view.at_pose, cloud.solved, plan, ranking)
 
@@ -214,7 +216,7 @@ def solutions_in_cloud(solver: PoseSolver, seen: SeenFrame, cam_T_obj: FloatArra
     def solved(estimates: Iterable[Estimate], levels: tuple[Level, ...]) -> list[Solution]:
         return _ranked((solver.solve(seen, at, clock, levels) for at in estimates), lambda found: found.score)
 
-    wide = solved(starts, _CLOUD_LEVELS)
+    wide = solved(starts, CLOUD_LEVELS)
     fine = solved((found.estimate for found in wide), _FINE_LEVELS)
     again = solved((found.estimate for found in fine[: cloud.finalists]), (*REGIONS_FIRST, *_FINE_LEVELS))
     return sorted([*fine, *again], key=lambda found: -found.score)
