@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acp_lab.bench.protocol import SequenceKey, Variant
+from acp_lab.bench.protocol import Variant
 from acp_lab.bench.record import Run
-from acp_lab.bench.tables import groups
+from acp_lab.bench.tables import by_sequence, groups
 from acp_lab.evaluation.bootstrap import Interval, bootstrap_mean
 
 FRAME = 10
@@ -28,7 +28,7 @@ class Basin:
 
     Attributes:
         group: as in `tables.Row`; variant: how, seed left aside. method: its name. runs: how many.
-        found: share of them, mean over sequences, with its interval.
+        found: share of them, mean over sequences, with its interval: sequences are drawn, and of each its seeds.
     """
 
     group: str
@@ -58,9 +58,5 @@ def basins(runs: Sequence[Run]) -> tuple[Basin, ...]:
 
 
 def _basin(group: str, method: str, runs: list[Run]) -> Basin:
-    by_sequence: dict[SequenceKey, list[float]] = {}
-    for run in runs:
-        by_sequence.setdefault(run.sequence, []).append(float(has_found(run)))
-    # The seeds of a sequence are averaged first, as they are not independent.
-    shares = [np.array([np.mean(values)]) for values in by_sequence.values()]
+    shares = [np.array([[has_found(run)] for run in own], float) for own in by_sequence(runs).values()]
     return Basin(group, runs[0].variant, method, len(runs), bootstrap_mean(shares))

@@ -28,8 +28,9 @@ HEAD = (
 )  # fmt: skip
 MARKS = {"better": " ▲", "worse": " ▼", "tie": " ="}
 LEGEND = (
-    "Shares in percent: mean over sequences, 95% bootstrap interval in brackets. ▲ better, ▼ worse than the first "
-    "method, = tie: the interval of the paired difference holds 0. rot, trans: medians over frames. until lost: frames "
+    "Shares in percent: mean over sequences, 95% bootstrap interval in brackets: drawn are sequences, of each its starts, "
+    "and blocks of frames; of a single sequence it says nothing of others. ▲ better, ▼ worse than the first method, = "
+    "tie: the interval of the difference, paired by sequence, start and frame, holds 0. rot, trans: medians over frames. until lost: frames "
     "before ADD exceeds 30% of the diameter, mean over runs. ms: CPU of one thread per frame that is not lost (of "
     "outside trackers what their files tell). MB: the most that the process held. prepare s: CPU of "
     "preparing a part for the method, mean over parts (- where a part was prepared before this was counted)."
@@ -38,7 +39,7 @@ LEGEND = (
 
 BASIN_LEGEND = (
     f"Share of runs, in percent, whose ADD(-S) is below {100 * LIMIT:g}% of the diameter in frame {FRAME} after the "
-    "start."
+    "start; in brackets its 95% bootstrap interval: drawn are sequences, and of each its starts."
 )
 
 

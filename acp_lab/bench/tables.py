@@ -1,8 +1,8 @@
 """Runs as tables: scores per group of sequences and variant, intervals, and paired differences to the first method.
 
-Sequences are drawn with replacement, and blocks of frames within them (`evaluation.bootstrap`); the seeds of one
-sequence are averaged first, as they are not independent. Methods are paired by sequence and frame: a difference whose
-95% interval holds 0 is a tie.
+Sequences are drawn with replacement, within each of them its seeds, and blocks of frames within those
+(`evaluation.bootstrap`). Methods are paired by sequence, seed and frame: a difference whose 95% interval holds 0 is a
+tie.
 """
 
 from __future__ import annotations
@@ -70,21 +70,32 @@ def verdict(difference: Interval) -> str:
     return "worse" if difference.high < 0.0 else "tie"
 
 
+def by_sequence(runs: Iterable[Run]) -> dict[SequenceKey, list[Run]]:
+    """The runs of each sequence, by their seeds."""
+    found: dict[SequenceKey, list[Run]] = {}
+    for run in sorted(runs, key=lambda run: run.variant.seed):
+        found.setdefault(run.sequence, []).append(run)
+    return found
+
+
 def within(runs: Iterable[Run], limit: float) -> dict[SequenceKey, FloatArray]:
-    """By sequence: (n,) share of its runs that are within a limit, a share of the diameter, in each frame."""
-    by_sequence: dict[SequenceKey, list[FloatArray]] = {}
-    for run in runs:
-        by_sequence.setdefault(run.sequence, []).append((run.distance < limit).astype(float))
-    return {name: np.mean(found, axis=0) for name, found in by_sequence.items()}
+    """By sequence: (r, n) 1.0 where its runs are within a limit, a share of the diameter, in each frame."""
+    return {
+        name: np.stack([run.distance < limit for run in own]).astype(float) for name, own in by_sequence(runs).items()
+    }
 
 
 def difference(first: Sequence[Run], other: Sequence[Run], limit: float) -> Interval | None:
-    """Other less first, of recalls at a limit on the sequences and frames that both have; None without any."""
-    before, after = within(first, limit), within(other, limit)
-    frames = {run.sequence: run.frame_ids for run in first}
-    same = [run.sequence for run in other if frames.get(run.sequence) == run.frame_ids]
-    shared = [sequence for sequence in dict.fromkeys(same) if len(before[sequence])]
-    return bootstrap_mean([after[sequence] - before[sequence] for sequence in shared]) if shared else None
+    """Other less first, of recalls at a limit on the sequences, seeds and frames that both have; None without any."""
+    both = {_frames_of(run) for run in first} & {_frames_of(run) for run in other}
+    before, after = (within([run for run in runs if _frames_of(run) in both], limit) for runs in (first, other))
+    found = [after[name] - before[name] for name in after if before[name].size]
+    return bootstrap_mean(found) if found else None
+
+
+def _frames_of(run: Run) -> tuple[SequenceKey, int, tuple[int, ...]]:
+    """What two runs share that are compared."""
+    return run.sequence, run.variant.seed, run.frame_ids
 
 
 def table(runs: Sequence[Run]) -> tuple[Row, ...]:

@@ -77,6 +77,37 @@ def test_seeds_are_averaged_within_their_sequence_and_lost_runs_counted() -> Non
     assert row.until_lost == pytest.approx(15.0)
 
 
+def with_starts(method: str, errors: list[list[float]]) -> list[Run]:
+    """Runs on one sequence from as many starts."""
+    key = sequences(1)[0]
+    return [made_run(e, method, key, Variant(noise_deg=5.0, seed=seed)) for seed, e in enumerate(errors)]
+
+
+def test_intervals_tell_which_starts_were_drawn() -> None:
+    """On one sequence, too: 14 of 15 starts come to the part."""
+    runs = with_starts("a", [GOOD] * 14 + [BAD])
+    (row,) = table(runs)
+    assert row.recalls[0].mean == pytest.approx(14 / 15)
+    assert row.recalls[0].low == pytest.approx(0.8)
+    assert row.recalls[0].high == 1.0
+    (basin,) = basins(runs)
+    assert (basin.found.low, basin.found.high) == (pytest.approx(0.8), 1.0)
+
+
+def test_methods_are_paired_by_start_whatever_the_order_of_runs() -> None:
+    """What is better from one start of fifteen may come from that start alone; from each it is better."""
+    first = with_starts("a", [BAD] * 15)
+    once, always = with_starts("once", [GOOD] + [BAD] * 14), with_starts("always", [GOOD] * 15)
+    rows = {row.method: row for row in table([*first, *once[::-1], *always[::-1]])}
+    assert rows["once"].verdicts == ("tie", "tie", "tie")
+    assert rows["always"].verdicts == ("better", "better", "better")
+    mixed = [GOOD, BAD] * 10
+    same = difference(with_starts("a", mixed), with_starts("b", mixed)[::-1], 0.05)
+    assert (same.mean, same.low, same.high) == (0.0, 0.0, 0.0)  # type: ignore[union-attr]
+    fewer = difference(with_starts("a", mixed), with_starts("b", mixed)[:3], 0.05)
+    assert (fewer.mean, fewer.low, fewer.high) == (0.0, 0.0, 0.0)  # type: ignore[union-attr]
+
+
 def test_groups_are_data_sets_and_kinds() -> None:
     runs = [made_run(GOOD, sequence=SequenceKey("x", 1, 1), kind="fast"),
             made_run(BAD, sequence=SequenceKey("x", 2, 1), kind="slow"),

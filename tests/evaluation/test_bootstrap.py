@@ -55,6 +55,31 @@ def test_the_mean_that_is_drawn_is_the_mean() -> None:
     assert 0.5 * (interval.low + interval.high) == pytest.approx(interval.mean, abs=0.01)
 
 
+def test_runs_of_a_sequence_are_drawn() -> None:
+    """Half the starts come to the part and half do not: which were drawn decides, however many frames there are."""
+    runs = np.repeat([[1.0], [0.0]] * 3, 50, axis=1)
+    interval = bootstrap_mean([runs])
+    assert interval.mean == 0.5
+    assert interval.low == pytest.approx(1 / 6)  # of six coins at most one shows it in 11% of the draws, none in 1.6%
+    assert interval.high == pytest.approx(5 / 6)
+
+
+def test_runs_of_a_sequence_see_the_same_frames() -> None:
+    """A hundred runs that are alike say no more of the frames than one does."""
+    frames = np.repeat([1.0, 0.0], 20)
+    one, many = bootstrap_mean([frames]), bootstrap_mean([np.tile(frames, (100, 1))])
+    assert (many.low, many.high) == pytest.approx((one.low, one.high), abs=0.05)
+
+
+def test_of_one_run_the_interval_is_that_of_its_blocks() -> None:
+    frames = np.repeat([1.0, 0.0, 1.0], [7, 9, 13])
+    assert bootstrap_mean([frames, frames[:11]]) == bootstrap_mean([frames[None], frames[None, :11]])
+    rows = (np.random.default_rng(0).integers(0, 29, (2000, 3))[:, :, None] + np.arange(10)).reshape(2000, -1) % 29
+    low, high = np.quantile(frames[rows[:, :29]].mean(1), [0.025, 0.975])
+    found = bootstrap_mean([frames])
+    assert (found.low, found.high) == pytest.approx((low, high))
+
+
 def test_the_same_seed_gives_the_same_interval(rng: np.random.Generator) -> None:
     frames = [rng.uniform(size=33) < 0.6 for _ in range(5)]
     values = [np.asarray(f, float) for f in frames]
@@ -62,6 +87,6 @@ def test_the_same_seed_gives_the_same_interval(rng: np.random.Generator) -> None
 
 
 def test_without_frames_there_is_no_interval() -> None:
-    for sequences in ([], [np.zeros(0)]):
+    for sequences in ([], [np.zeros(0)], [np.zeros((2, 0))]):
         with pytest.raises(AcpLabError, match="give sequences with frames"):
             bootstrap_mean(sequences)
