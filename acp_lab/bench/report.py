@@ -24,16 +24,17 @@ from acp_lab.sequences.results_csv import ResultsWriter
 
 HEAD = (
     "method", "sequences", "runs", "@2%", "@5%", "@10%", "AUC %", "5cm5° %", "rot °", "trans mm", "until lost", "lost",
-    "resets", "ms", "ms 95%", "MB", "prepare s",
+    "resets", "ms", "ms 95%", "MB so far", "prepare s",
 )  # fmt: skip
 MARKS = {"better": " ▲", "worse": " ▼", "tie": " ="}
 LEGEND = (
-    "Shares in percent: mean over sequences, 95% bootstrap interval in brackets: drawn are sequences, of each its starts, "
-    "and blocks of frames; of a single sequence it says nothing of others. ▲ better, ▼ worse than the first method, = "
-    "tie: the interval of the difference, paired by sequence, start and frame, holds 0. rot, trans: medians over frames. until lost: frames "
-    "before ADD exceeds 30% of the diameter, mean over runs. ms: CPU of one thread per frame that is not lost (of "
-    "outside trackers what their files tell). MB: the most that the process held. prepare s: CPU of "
-    "preparing a part for the method, mean over parts (- where a part was prepared before this was counted)."
+    "Shares in percent: mean over sequences, 95% bootstrap interval in brackets: drawn are sequences, of each its "
+    "starts, and blocks of frames; of a single sequence it says nothing of others. ▲ better, ▼ worse than the first "
+    "method, = tie: the interval of the difference, paired by sequence, start and frame, holds 0. rot, trans: medians "
+    "over frames. until lost: frames before ADD exceeds 30% of the diameter, mean over runs. ms: CPU of one thread per "
+    "frame that is not lost (of outside trackers what their files tell). MB so far: the most that the process had held "
+    "by the end of a run, with all that it did before, so it is no method's own. prepare s: CPU of preparing a part "
+    "for the method, mean over parts (- where a part was prepared before this was counted)."
 )
 
 
@@ -81,16 +82,17 @@ class Report:
         for (group, how), rows in groupby(self.rows, key=lambda row: (row.group, str(_shared(row.variant)))):
             yield group, how, list(rows)
 
-    def write(self, folder: Path, given: Iterable[Path] = ()) -> None:
-        """bench.csv, bench.json, bench.md, and the poses as results/METHOD__DATASET.csv; InputFileError.
+    def write(self, folder: Path, given: Iterable[Path] = ()) -> tuple[Path, ...]:
+        """bench.csv, bench.json, bench.md, and the poses as results/METHOD__DATASET.csv; these files. InputFileError.
 
+        Poses are those of runs from truth on every frame, without resets: nothing in the file could tell another run.
         given: results files of outside trackers, which stay as they are where they lie in results/ already.
         """
         write_whole(folder / "bench.csv", _csv(self).encode(), "the table")
         told = {"machine": self.machine, "methods": self.methods, "rows": flat_rows(self), "basins": flat_basins(self)}
         write_json(folder / "bench.json", told)
         write_whole(folder / "bench.md", markdown(self).encode(), "the tables")
-        _write_poses(self.runs, folder / "results", {path.resolve() for path in given})
+        return _write_poses(self.runs, folder / "results", {path.resolve() for path in given})
 
 
 def markdown(report: Report) -> str:
@@ -202,18 +204,24 @@ def _csv(report: Report) -> str:
     return text.getvalue()
 
 
-def _write_poses(runs: Sequence[Run], folder: Path, given: Set[Path]) -> None:
+def results_name(method: str, dataset: str) -> str:
+    """Of a results file, which `outside.tracker_and_dataset` reads again."""
+    return f"{method.replace(' ', '_')}__{dataset}.csv"
+
+
+def _write_poses(runs: Sequence[Run], folder: Path, given: Set[Path]) -> tuple[Path, ...]:
     """In the BOP results format, of runs from truth on every frame; they serve as --results-from again."""
     by_file: dict[str, list[Run]] = {}
     for run in runs:
         if run.variant == Variant() and not run.sequence.instance:
-            by_file.setdefault(f"{run.method.replace(' ', '_')}__{run.sequence.dataset}.csv", []).append(run)
+            by_file.setdefault(results_name(run.method, run.sequence.dataset), []).append(run)
     for name, members in by_file.items():
         if (folder / name).resolve() in given:  # it says more than we read: frames without truth, what its run was
             continue
         with ResultsWriter(folder / name) as results:
             for row in sorted((row for run in members for row in run.rows), key=lambda row: row.key):
                 results.append(row)
+    return tuple(folder / name for name in by_file)
 
 
 def _shared(variant: Variant) -> Variant:

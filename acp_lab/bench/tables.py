@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -32,7 +33,8 @@ class Row:
         method: its name; sequences, runs: how many.
         pooled: scores over the frames of all runs; recalls: mean over sequences, with intervals, at 2, 5, 10%.
         until_lost: frames before a part was lost, mean over runs; lost: runs in which it ever was; resets: in all.
-        ms_median, ms_95: over frames that are not lost, NaN where unknown. memory_mb: the most of any run.
+        ms_median, ms_95: over frames that are not lost, NaN where unknown. memory_mb: the most of any run, each of
+            which counts what its process did before, too.
         prepare_s: CPU seconds of preparing a part, mean over the parts where it is known, NaN without.
         size: (w, h) px of the images, (0, 0) where they differ; threads: 0 where unknown.
         against: differences of `recalls` to the first method on the sequences that both have; () for itself, and
@@ -124,6 +126,29 @@ def groups(runs: Sequence[Run]) -> Iterator[tuple[str, list[Run]]]:
         if len(kinds) > 1:
             for kind in kinds:
                 yield f"{name}: {kind or 'other'}", [run for run in own if run.kind == kind]
+
+
+class Varied(Protocol):
+    """A run, or what was made of some of one method in one variant."""
+
+    @property
+    def method(self) -> str:
+        """Its name."""
+
+    @property
+    def variant(self) -> Variant:
+        """How."""
+
+
+def main_variant(found: Iterable[Varied]) -> Variant:
+    """How most methods were run, and of that the plainest: what to show where one variant stands for all.
+
+    Its seed is 0; `Variant()` of nothing.
+    """
+    methods: dict[Variant, set[str]] = {}
+    for one in found:
+        methods.setdefault(replace(one.variant, seed=0), set()).add(one.method)
+    return min(methods, key=lambda how: (-len(methods[how]), how.group), default=Variant())
 
 
 def _row(group: str, method: str, runs: list[Run], first: list[Run]) -> Row:

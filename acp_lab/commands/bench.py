@@ -126,9 +126,10 @@ def run_bench(options: BenchOptions) -> None:
         if not any(len(run.frame_ids) for run in runs):
             raise InputFileError(f"{next(iter(roots.values()))}: {_NOTHING_LEFT}")
         report = Report.of(runs, f"{cpu_model()}, {cores()} cores; one thread per run")
-        report.write(options.out, options.results_from)
+        poses = report.write(options.out, options.results_from)
         _write_page(report, roots, tasks, options)
     _print(report, options.out)
+    _tell_poses(poses, options.out / "results")
 
 
 def _sequences(root: Path, split: str) -> list[SequenceKey]:
@@ -283,11 +284,19 @@ def _print(report: Report, out: Path) -> None:
     for group, how, rows in report.blocks():
         print(f"{group}: {how}")
         for row in rows:
-            compared = row.verdicts[1] if row.verdicts else ""
+            compared = f"@5% {row.verdicts[1]}" if row.verdicts else ""
             shares = "  ".join(f"{100 * interval.mean:5.1f}" for interval in row.recalls)
             lost = f"{row.lost} of {row.runs} lost"
             print(f"  {row.method:<20} @2/5/10% {shares}  {row.ms_median:6.1f} ms  {lost}  {compared}".rstrip())
-    print(f"{out / 'index.html'}: tables, plots, failures; bench.csv, bench.json, bench.md and results/ beside it")
+    print(f"{out / 'index.html'}: tables, plots, failures; bench.csv, bench.json and bench.md beside it")
+
+
+def _tell_poses(poses: Sequence[Path], folder: Path) -> None:
+    """Which results files are of this bench; others in their folder are of an earlier one, or somebody else's."""
+    others = sorted({path.name for path in folder.glob("*.csv")} - {path.name for path in poses})
+    told = f"{len(poses)} of this bench" if poses else "none of this bench"
+    beside = f"; not of it: {', '.join(others)}" if others else ""
+    print(f"{folder}: poses of runs from truth on every frame, without resets: {told}{beside}")
 
 
 def _two_numbers(text: str) -> tuple[float, float]:

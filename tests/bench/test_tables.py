@@ -17,7 +17,7 @@ from acp_lab.bench.peers import PAPER_TABLES, PEERS, peer_of, stands_for
 from acp_lab.bench.protocol import SequenceKey, Variant
 from acp_lab.bench.record import Run
 from acp_lab.bench.report import Report, flat_rows, markdown
-from acp_lab.bench.tables import difference, table, verdict
+from acp_lab.bench.tables import difference, main_variant, table, verdict
 from acp_lab.display.bench_page import Thumbnail, _cut, failures, thumbnail, write_page
 from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.evaluation import evaluate
@@ -266,16 +266,43 @@ def test_a_page_without_data_for_a_plot_says_what_would_fill_it(tmp_path: Path) 
     report, _ = report_of(tmp_path)
     write_page(report, tmp_path / "index.html", [], {})
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert "give --steps to see this" in page
+    assert "give several --steps to see this" in page
     more = [made_run(GOOD, variant=Variant(step)) for step in (1, 2)]
     write_page(Report.of(more, ""), tmp_path / "index.html", [], {})
-    assert "give --steps to see this" not in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "give several --steps to see this" not in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 def test_a_bench_without_times_or_memory_has_dashes() -> None:
     run = made_run(GOOD, ms=math.nan)
     line = next(line for line in markdown(Report.of([run], "")).splitlines() if line.startswith("| acp |"))
     assert line.endswith("| - | - | 200 | 12.0 |")
+
+
+def test_only_runs_that_a_results_file_can_tell_are_written_as_one(tmp_path: Path) -> None:
+    runs = [made_run(GOOD), made_run(GOOD, "other", variant=Variant(2)), made_run(GOOD, variant=Variant(resets=True))]
+    assert Report.of(runs, "").write(tmp_path) == (tmp_path / "results" / "acp__made.csv",)
+    assert Report.of(runs[1:], "").write(tmp_path / "none") == ()
+    assert not (tmp_path / "none" / "results").exists()
+
+
+def test_memory_is_told_as_that_of_the_process() -> None:
+    text = markdown(Report.of([made_run(GOOD)], ""))
+    assert "| MB so far |" in text
+    assert "no method's own" in text
+
+
+def test_the_main_variant_is_that_of_most_methods_and_the_plainest() -> None:
+    def variants(*of: tuple[str, Variant]) -> Variant:
+        runs = [made_run(GOOD, method, variant=how) for method, how in of]
+        assert main_variant(runs) == main_variant(table(runs))
+        return main_variant(runs)
+
+    off, seldom, reset = Variant(noise_deg=5.0, seed=3), Variant(2), Variant(resets=True)
+    assert variants(("a", off), ("a", seldom), ("a", Variant()), ("b", Variant())) == Variant()
+    assert variants(("a", off)) == replace(off, seed=0)
+    assert variants(("a", Variant(2, 5.0)), ("a", seldom)) == seldom
+    assert variants(("theirs", Variant()), ("a", reset), ("b", reset)) == reset
+    assert main_variant([]) == Variant()
 
 
 def test_basins_count_the_runs_that_come_to_the_part(tmp_path: Path) -> None:

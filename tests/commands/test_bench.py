@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -49,6 +50,7 @@ def test_a_bench_from_data_to_page(
     more = ("--noise", "1,1", "--seeds", "2", "--steps", "1,2", "--results-from", theirs)
     outcome = run(capsys, *words, *more)
     assert (outcome.status, outcome.err) == (0, ""), outcome
+    assert re.search(r"^  Theirs .* lost  @5% tie$", outcome.out, re.MULTILINE)
     rows = {(row["method"], row["step"], row["noise_deg"]): row for row in rows_of(out)}
     assert set(rows) == {("acp-edges", step, noise) for step in "12" for noise in ("0.0", "1.0")} | {
         ("Theirs", "1", "0.0")
@@ -78,6 +80,19 @@ def test_what_was_run_is_not_run_again(
     monkeypatch.setattr("acp_lab.bench.spread.run_task", refuse)
     assert run(capsys, *words).status == 0
     assert rows_of(tmp_path / "out") == before
+
+
+def test_poses_of_an_earlier_bench_are_named(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", out, "--jobs", "1")
+    poses = f"{out / 'results'}: poses of runs from truth on every frame, without resets:"
+    assert run(capsys, *words).out.splitlines()[-1] == f"{poses} 1 of this bench"
+    (out / "results" / "mine.csv").write_text("notes\n")
+    earlier = run(capsys, *words, "--resets").out.splitlines()[-1]
+    assert earlier == f"{poses} none of this bench; not of it: acp-edges__data.csv, mine.csv"
+    assert (out / "results" / "mine.csv").read_text() == "notes\n"
 
 
 def test_half_a_replay_is_never_linked(

@@ -13,7 +13,7 @@ import numpy as np
 from acp_lab.bench.basins import FRAME, Basin
 from acp_lab.bench.protocol import Variant
 from acp_lab.bench.record import Run
-from acp_lab.bench.tables import ALL, Row
+from acp_lab.bench.tables import ALL, Row, Varied, main_variant
 from acp_lab.display.look import as_it_is
 
 if TYPE_CHECKING:
@@ -30,7 +30,9 @@ _LIGHTER = (
 
 
 def bench_figure(runs: Sequence[Run], rows: Sequence[Row], basins: Sequence[Basin] = ()) -> Figure:
-    """Six panels in one figure; those without anything to show say what would fill them."""
+    """Six panels in one figure, of the main variant (`tables.main_variant`) where they show one; those without anything
+    to show say what would fill them.
+    """
     from matplotlib.figure import Figure as NewFigure
 
     figure = NewFigure(figsize=(15.0, 7.5), layout="constrained")
@@ -39,11 +41,14 @@ def bench_figure(runs: Sequence[Run], rows: Sequence[Row], basins: Sequence[Basi
     draw_times(times, rows)
     draw_against(noises, rows, "noise", "how far the start is off", "give --noise to see this")
     draw_preparing(preparing, rows)
-    draw_basins(basin, basins, list(dict.fromkeys(row.method for row in rows)))
-    draw_against(steps, rows, "step", "one of n frames used", "give --steps to see this")
-    handles, labels = curves.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
+    draw_basins(basin, basins, _methods(rows))
+    draw_against(steps, rows, "step", "one of n frames used", "give several --steps to see this")
+    if (how := main_variant(rows)) != Variant():
+        figure.suptitle(f"{how}, unless an axis says otherwise")
+    shown = [axes.get_legend_handles_labels() for axes in (steps, noises, curves)]
+    named = {label: handle for handles, labels in shown for handle, label in zip(handles, labels, strict=True)}
+    if named:
+        figure.legend(list(named.values()), list(named), loc="outside lower center", ncols=min(len(named), 6))
     return figure
 
 
@@ -63,25 +68,29 @@ def figure_svg(figure: Figure) -> str:
 def draw_recall_curves(axes: Axes, runs: Sequence[Run], variant: Variant | None = None) -> None:
     """Share of frames within a limit of ADD(-S), over the limit; runs of a variant, whatever their seeds.
 
-    variant: from truth on every frame, without resets, by default.
+    variant: the main one by default.
     """
-    how = (variant or Variant()).group
+    runs = [run for run in runs if len(run.frame_ids)]
+    how = variant or main_variant(runs)
     limits = np.linspace(0.0, _MOST_PERCENT, 101)
     for number, method in enumerate(_methods(runs)):
-        own = [run.distance for run in runs if run.method == method and run.variant.group == how]
+        own = [run.distance for run in runs if run.method == method and run.variant.group == how.group]
         if own:
             errors = 100.0 * np.concatenate(own)
             shares = [(errors < limit).mean() for limit in limits]
             axes.plot(limits, shares, label=as_it_is(method), color=_colour(number))
     axes.set(xlabel="limit of ADD(-S), % of the diameter", ylabel="share of frames", ylim=(-0.02, 1.02))
-    axes.set_title(f"accuracy, {variant or 'from truth'}")
+    axes.set_title(f"accuracy, {how}")
     axes.grid(alpha=0.3)
 
 
 def draw_times(axes: Axes, rows: Sequence[Row]) -> None:
     """Recall at 5% against milliseconds per frame, all data together; names of near points are stacked."""
     known = [(number, row) for number, row in enumerate(_overall(rows)) if np.isfinite(row.ms_median)]
-    slowest = max((row.ms_median for _, row in known), default=0.0)
+    if not known:
+        _say(axes, "time: not known, or all frames are lost")
+        return
+    slowest = max(row.ms_median for _, row in known)
     named: list[tuple[bool, float]] = []
     for number, row in known:
         x, y = row.ms_median, row.recalls[1].mean
@@ -104,7 +113,7 @@ def draw_preparing(axes: Axes, rows: Sequence[Row]) -> None:
     """CPU seconds of preparing a part, one bar per method."""
     known = [(n, row) for n, row in enumerate(_overall(rows)) if row.prepare_s > 0.0]
     if not known:
-        _say(axes, "preparation: not counted for these parts")
+        _say(axes, "preparation: nothing to prepare, or not counted")
         return
     names, seconds = [as_it_is(row.method) for _, row in known], [row.prepare_s for _, row in known]
     axes.barh(names, seconds, color=[_colour(n) for n, _ in known])
@@ -115,15 +124,17 @@ def draw_preparing(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def draw_basins(axes: Axes, basins: Sequence[Basin], methods: Sequence[str]) -> None:
-    """Share of runs that come to the part, over how far off they are started; all data, every frame.
+    """Share of runs that come to the part, over how far off they are started; all data, the main frame step.
 
     methods: in the order of their colours.
     """
     group = ALL if any(basin.group == ALL for basin in basins) else next((basin.group for basin in basins), "")
-    chosen = [basin for basin in basins if basin.group == group and basin.variant.step == 1]
-    if not chosen:
-        _say(axes, "basin: give --noise to see this")
+    own = [basin for basin in basins if basin.group == group]
+    if not own:
+        _say(axes, "basin: give --noise to see this, without --resets")
         return
+    step = main_variant(own).step
+    chosen = [basin for basin in own if basin.variant.step == step]
     starts = sorted({(basin.variant.noise_deg, basin.variant.noise_mm) for basin in chosen})
     for number, method in enumerate(methods):
         own = sorted((basin for basin in chosen if basin.method == method), key=lambda basin: basin.variant.group)
@@ -134,19 +145,18 @@ def draw_basins(axes: Axes, basins: Sequence[Basin], methods: Sequence[str]) -> 
             axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
     axes.set_xticks(range(len(starts)), _start_names(starts))
     axes.set(ylabel="share of runs", ylim=(-0.02, 1.02))
-    axes.set_title(f"basin: within 5% in frame {FRAME}")
+    axes.set_title(f"basin: within 5% in frame {FRAME}" + (f", 1 of {step} frames" if step > 1 else ""))
     axes.grid(alpha=0.3)
 
 
 def draw_against(axes: Axes, rows: Sequence[Row], setting: Setting, name: str, otherwise: str) -> None:
-    """Recall at 5% with its interval over one setting of the variants, the others being as they are by default.
+    """Recall at 5% with its interval over one setting of the variants, the others being those of the main one.
 
     setting: "step"; or "noise", degrees and mm together: starts side by side, as in `draw_basins`.
     name: of the axis. otherwise: what is said where there is one value only.
     """
-    group = _group(rows)
-    chosen = [row for row in rows if row.group == group and _only(row.variant, setting)]
-    methods = list(dict.fromkeys(row.method for row in rows))
+    group, how = _group(rows), main_variant(rows)
+    chosen = [row for row in rows if row.group == group and _differs_in(row.variant, how, setting)]
     starts = sorted({(row.variant.noise_deg, row.variant.noise_mm) for row in chosen})
     steps = sorted({row.variant.step for row in chosen})
     if len(starts if setting == "noise" else steps) < 2:
@@ -157,12 +167,14 @@ def draw_against(axes: Axes, rows: Sequence[Row], setting: Setting, name: str, o
         variant = row.variant
         return variant.step if setting == "step" else starts.index((variant.noise_deg, variant.noise_mm))
 
-    for number, method in enumerate(methods):
+    for number, method in enumerate(_methods(rows)):
         own = sorted((row for row in chosen if row.method == method), key=place)
+        if not own:
+            continue
         middle = np.array([row.recalls[1].mean for row in own])
-        spans = np.array([(row.recalls[1].low, row.recalls[1].high) for row in own]).reshape(-1, 2).T
-        at = [place(row) for row in own]
-        axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=_colour(number))
+        spans = np.array([(row.recalls[1].low, row.recalls[1].high) for row in own]).T
+        at, look = [place(row) for row in own], _colour(number)
+        axes.errorbar(at, middle, np.abs(spans - middle), fmt="o-", capsize=3, color=look, label=as_it_is(method))
     if setting == "step":
         axes.set_xticks(steps)
     else:
@@ -187,8 +199,10 @@ def _colour(number: int) -> str:
     return f"C{number % 10}" if number % 20 < 10 else _LIGHTER[number % 10]
 
 
-def _methods(runs: Sequence[Run]) -> list[str]:
-    return list(dict.fromkeys(run.method for run in runs))
+def _methods(found: Sequence[Varied]) -> list[str]:
+    """In the order of their colours: those of the main variant first, which every panel has."""
+    how = main_variant(found).group
+    return list(dict.fromkeys(one.method for one in sorted(found, key=lambda one: one.variant.group != how)))
 
 
 def _group(rows: Sequence[Row]) -> str:
@@ -196,14 +210,13 @@ def _group(rows: Sequence[Row]) -> str:
 
 
 def _overall(rows: Sequence[Row]) -> list[Row]:
-    """One row per method: all data, from truth, every frame, without resets."""
-    group = _group(rows)
-    return [row for row in rows if row.group == group and row.variant.group == Variant().group]
+    """One row per method: all data, the main variant."""
+    group, how = _group(rows), main_variant(rows)
+    return [row for row in rows if row.group == group and row.variant.group == how.group]
 
 
-def _only(variant: Variant, setting: Setting) -> bool:
-    """Whether nothing but the setting (and the seed) is other than by default."""
-    plain = Variant(seed=variant.seed)
+def _differs_in(variant: Variant, how: Variant, setting: Setting) -> bool:
+    """Whether nothing but the setting (and the seed) is other than in `how`."""
     if setting == "step":
-        return variant == replace(plain, step=variant.step)
-    return variant == replace(plain, noise_deg=variant.noise_deg, noise_mm=variant.noise_mm)
+        return variant.group == replace(how, step=variant.step).group
+    return variant.group == replace(how, noise_deg=variant.noise_deg, noise_mm=variant.noise_mm).group
