@@ -311,6 +311,10 @@ def bench(
     methods: Annotated[
         str, typer.Option(help="Names split by commas; others are held against the first.", metavar="A,B")
     ] = "acp,region",
+    config: Annotated[
+        list[Path] | None,
+        typer.Option(help="Beside --methods: a method's settings as TOML; repeatable.", metavar="FILE"),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Where everything goes; taken up again.", metavar="DIR")] = Path(
         "acp_lab_bench"
     ),
@@ -361,6 +365,7 @@ def bench(
             scheduler,
             min(cores(), MOST_WORKERS) if jobs is None else jobs,
             install_peers,
+            tuple(config or ()),
         )
     )
 

@@ -13,7 +13,8 @@ from acp_lab.bench.report import Report
 from acp_lab.bench.runner import sequences_of
 from acp_lab.bench.spread import Progress, complete
 from acp_lab.errors import ParameterError
-from acp_lab.tracking.method import METHODS, method_named
+from acp_lab.tracking.method import METHODS, Method, method_named
+from acp_lab.tracking.method_file import check_writable
 
 
 @dataclass(frozen=True)
@@ -49,27 +50,42 @@ class Workbench:
 
     def compare(
         self,
-        methods: Iterable[str],
+        methods: Iterable[Method | str],
         sequences: Iterable[SequenceKey],
         variants: Iterable[Variant] = (Variant(),),
         progress: Progress | None = None,
     ) -> Report:
         """Methods on sequences, the first method being what the others are held against.
 
+        Args:
+            methods: names, of `METHODS` or of trackers of cv2.rapid, or methods whose stages TOML can tell.
+
         Raises:
-            ParameterError: no method or no sequence is chosen.
-            AcpLabError: a method is none, or a part is not prepared for it.
+            ParameterError: no method or no sequence is chosen, or two methods have the same name.
+            AcpLabError: a method is none, or cannot be written as TOML; or a part is not prepared for it.
         """
         methods, sequences, variants = list(methods), list(sequences), list(variants)
         if not methods:
             raise ParameterError("no method to compare: choose one or more")
         if not sequences:
             raise ParameterError("no sequence to compare on: choose one or more")
-        settings = [name if name in NAMES and name not in METHODS else method_named(name) for name in methods]
         tasks = [
             task_of(self.roots[key.dataset], self.split, self.parts[key.dataset], key, method, variant)
-            for method in settings
+            for method in _by_name(methods).values()
             for key in sequences
             for variant in variants
         ]
         return Report.of(complete(tasks, self.runs, workers=1, progress=progress), "this one")
+
+
+def _by_name(methods: Iterable[Method | str]) -> dict[str, Method | str]:
+    """Each method once, a tracker of cv2.rapid as its name."""
+    found: dict[str, Method | str] = {}
+    for told in methods:
+        method = method_named(told) if isinstance(told, str) and (told in METHODS or told not in NAMES) else told
+        if isinstance(method, Method):
+            check_writable(method)
+        name = method if isinstance(method, str) else method.name
+        if found.setdefault(name, method) != method:
+            raise ParameterError(f"method {name}: two are called so: give one of them another name")
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,7 @@ class BenchOptions:
         results_from: of outside trackers. noise: "D,M" each, degrees and mm, with `seeds` directions each.
         steps: frame steps, split by commas. resets: whether lost parts are started again.
         split: the data sets' folder of scenes. scheduler: address of a dask scheduler. jobs: processes here.
-        install_peers: make the environment of RAPID, OLS and GOS first.
+        install_peers: make the environment of RAPID, OLS and GOS first. config: files of further methods.
 
     Raises:
         ParameterError: a setting that makes no sense.
@@ -53,6 +54,7 @@ class BenchOptions:
     scheduler: str | None = None
     jobs: int = 1
     install_peers: bool = False
+    config: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         from acp_lab.bench.workers import check_workers
@@ -76,7 +78,12 @@ class BenchOptions:
         return list(dict.fromkeys(Variant(step, *start, self.resets) for step in steps for start in starts))
 
     def chosen_methods(self) -> list[Method | str]:
-        """The methods, and names of trackers of cv2.rapid; ParameterError for a name that is neither."""
+        """The methods, names of trackers of cv2.rapid, and the methods of files.
+
+        Raises:
+            ParameterError: a name that is none of these, or one of a file's that is taken or no file could have.
+            InputFileError: a file that is no method.
+        """
         from acp_lab.bench.rapid.tracker import NAMES
         from acp_lab.commands.bench_parts import check_painting
         from acp_lab.tracking.method import METHODS
@@ -86,11 +93,36 @@ class BenchOptions:
         if unknown:
             raise ParameterError(
                 f"--methods {unknown[0]}: no such method: there are {', '.join((*METHODS, *NAMES))}; others come by "
-                "--results-from"
+                "--config or --results-from"
             )
-        chosen = [METHODS.get(name, name) for name in names]
+        chosen = [METHODS.get(name, name) for name in names] + _own_methods(self.config)
         check_painting(chosen)
         return chosen
+
+
+def _own_methods(files: Sequence[Path]) -> list[Method | str]:
+    """Of files, each under a name of its own, which its results file will have, too."""
+    from acp_lab.bench.rapid.tracker import NAMES
+    from acp_lab.bench.report import results_name
+    from acp_lab.tracking.method import METHODS
+    from acp_lab.tracking.method_file import read_method
+
+    found: list[Method | str] = []
+    taken = {results_name(name, "") for name in (*METHODS, *NAMES)}
+    for path in files:
+        method = read_method(path)
+        if not re.fullmatch(r"[\w .+-]{1,80}", method.name) or "__" in method.name:
+            raise ParameterError(
+                f"--config {path}: name = {method.name!r}: results are written under it: give up to 80 letters, "
+                "digits, blanks, . + - and single _"
+            )
+        if results_name(method.name, "") in taken:
+            raise ParameterError(
+                f"--config {path}: name = {method.name!r} is taken: write another one into the file"
+            )
+        taken.add(results_name(method.name, ""))
+        found.append(method)
+    return found
 
 
 def run_bench(options: BenchOptions) -> None:
@@ -109,7 +141,7 @@ def run_bench(options: BenchOptions) -> None:
     roots = roots_by_name(options.datasets or (sample_dataset(),))
     outside = [run for path in options.results_from for run in outside_runs(path, roots, options.split)]
     if not methods and not outside:
-        raise ParameterError("nothing to compare: give --methods, or --results-from")
+        raise ParameterError("nothing to compare: give --methods, --config or --results-from")
     _check_names(methods, outside)
     sequences = {name: _sequences(root, options.split) for name, root in roots.items()}
     if not any(_has_later_truth(root, options.split) for root in roots.values()):  # before parts take minutes
@@ -176,9 +208,12 @@ def _check_steps(steps: Sequence[int], roots: dict[str, Path], split: str) -> No
 
 def _check_names(methods: Sequence[Method | str], outside: list[Run]) -> None:
     """ParameterError where the rows of two trackers would be taken for one's."""
-    taken = {_name(method) for method in methods} & {run.method for run in outside}
-    if taken:
-        raise ParameterError(f"--results-from: {taken.pop()} is one of --methods: rename the file")
+    from acp_lab.bench.report import results_name
+
+    ours = {results_name(_name(method), "") for method in methods}
+    for run in outside:
+        if results_name(run.method, "") in ours:
+            raise ParameterError(f"--results-from: {run.method} is one of --methods or --config: rename the file")
     told: set[tuple[str, SequenceKey]] = set()
     for run in outside:
         if (run.method, run.sequence) in told:

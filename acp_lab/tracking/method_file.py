@@ -9,7 +9,8 @@
 
 What a file does not say is as in `base`, `acp-paper` if it names none. A part that comes in several kinds is a
 table with `kind`; another kind than that of the base starts from its own defaults. Lists of parts, such as
-[[targets]], replace the base's list.
+[[targets]], replace the base's list. The base's `summary` is not taken over where anything is changed: its words are
+of another method.
 """
 
 from __future__ import annotations
@@ -33,6 +34,20 @@ def to_toml(method: Method) -> str:
     import tomli_w
 
     return tomli_w.dumps(_plain(method))
+
+
+def check_writable(method: Method) -> None:
+    """TrackingError for a method that TOML cannot tell, such as one with a stage that is none of ours."""
+    try:
+        same = method_from_toml(to_toml(method), "as TOML") == method
+        why = "" if same else " (it would read back as another one)"
+    except (InputFileError, TypeError) as error:
+        same, why = False, f" ({error})"
+    if not same:
+        raise TrackingError(
+            f"method {method.name}: cannot be written as TOML{why}: use settings of acp_lab alone; a stage of your own "
+            "runs with acp_lab.Tracker, see docs/own-stages.md"
+        )
 
 
 def read_method(path: str | Path) -> Method:
@@ -62,6 +77,8 @@ def method_from_toml(text: str, where: str, name: str = "method") -> Method:
     if not isinstance(base, str) or base not in METHODS:
         raise InputFileError(f"{where}: base = {base!r}: give one of {', '.join(METHODS)}")
     start = METHODS[base] if "name" in content else replace(METHODS[base], name=name)
+    if content:
+        start = replace(start, summary="")
     try:
         return _changed(start, content, f"{where}: ")
     except TrackingError as error:

@@ -95,6 +95,57 @@ def test_poses_of_an_earlier_bench_are_named(
     assert (out / "results" / "mine.csv").read_text() == "notes\n"
 
 
+def test_a_method_of_a_file_stands_beside_the_others_and_is_run_again_when_it_changed(
+    capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path
+) -> None:
+    out, files = tmp_path / "out", (tmp_path / "mine.toml", tmp_path / "other.toml")
+    files[0].write_text('base = "acp-edges"\nmargin_px = 30\n')
+    files[1].write_text('base = "acp-edges"\nname = "named in it"\n')
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", prepared, "--out", out, "--jobs", "1")
+    words += ("--config", files[0], "--config", files[1])
+
+    def states() -> dict[str, str]:
+        kept = [json.loads(path.read_text()) for path in (out / "runs").iterdir()]
+        return {run["method"]: run["state"] for run in kept}
+
+    assert run(capsys, *words).status == 0
+    assert [row["method"] for row in rows_of(out)] == ["acp-edges", "mine", "named in it"]
+    assert (out / "results" / "named_in_it__data.csv").exists()
+    before = states()
+    files[0].write_text('base = "acp-edges"\nmargin_px = 31\n')
+    assert run(capsys, *words).status == 0
+    assert {name for name, state in states().items() if state != before[name]} == {"mine"}
+    named = ("--results-from", out / "results" / "named_in_it__data.csv")
+    assert_one_error(run(capsys, *words, *named), "named in it is one of --methods or --config", "rename the file")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('base = "acp"', "name = 'mine' is taken"),  # by the file before
+        ('name = "region"', "name = 'region' is taken"),
+        ('name = "GOS"', "name = 'GOS' is taken"),
+        ('name = "a/b"', "name = 'a/b': results are written under it"),
+        ('name = "a__b"', "name = 'a__b': results are written under it"),
+        ('name = ""', "name = ''"),
+        ("[solver]\nno = 1", "solver.no: no such setting"),
+        ("\0", "is no TOML"),
+        (None, "no such method file: check --config"),
+    ],
+)
+def test_files_that_are_no_method_of_their_own(
+    capsys: pytest.CaptureFixture[str], dataset: Path, tmp_path: Path, text: str | None, expected: str
+) -> None:
+    first, second = tmp_path / "mine.toml", tmp_path / "other" / "mine.toml"
+    second.parent.mkdir()
+    first.write_text('base = "acp"\nmargin_px = 40\n')
+    if text is not None:
+        second.write_text(text)
+    words = ("bench", dataset, "--out", tmp_path / "out", "--config", first, "--config", second)
+    assert_one_error(run(capsys, *words), second, expected)
+    assert not (tmp_path / "out").exists()
+
+
 def test_half_a_replay_is_never_linked(
     capsys: pytest.CaptureFixture[str], dataset: Path, prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import ClassVar
 
+import numpy as np
 import pytest
 
-from acp_lab.errors import InputFileError
+from acp_lab.errors import InputFileError, TrackingError
 from acp_lab.imaging.edge_search import SearchConfig
 from acp_lab.tracking.camera_motion import CameraMotion
 from acp_lab.tracking.confidence import Confidence
@@ -22,7 +24,7 @@ from acp_lab.tracking.learning.region_colours import ColourConfig
 from acp_lab.tracking.learning.reliability import ReliabilityConfig
 from acp_lab.tracking.learning.rolling_shutter import ShutterConfig
 from acp_lab.tracking.method import ACP, ACP_PAPER, DIRECT_6DOF, METHODS, Method
-from acp_lab.tracking.method_file import read_method, to_toml
+from acp_lab.tracking.method_file import check_writable, read_method, to_toml
 from acp_lab.tracking.motions import ControlPointVariables, PoseVariables
 from acp_lab.tracking.picture import PictureSearch
 from acp_lab.tracking.prediction import ConstantVelocityPrediction, LastPosePrediction
@@ -130,12 +132,52 @@ def test_a_method_comes_back_from_its_file_whatever_its_base(method: Method, bas
 def test_what_a_file_leaves_out_is_as_in_its_base(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[schedule]\nalpha = 0.05\n")
-    assert read_method(path) == replace(ACP_PAPER, name="mine", schedule=replace(ACP_PAPER.schedule, alpha=0.05))
+    mine = replace(ACP_PAPER, name="mine", summary="")
+    assert read_method(path) == replace(mine, schedule=replace(ACP_PAPER.schedule, alpha=0.05))
     path.write_text('base = "direct-6dof"\n[schedule]\nsamples = 200\n')
-    assert read_method(path) == replace(DIRECT_6DOF, name="mine", schedule=replace(DIRECT_6DOF.schedule, samples=200))
+    mine = replace(DIRECT_6DOF, name="mine", summary="")
+    assert read_method(path) == replace(mine, schedule=replace(DIRECT_6DOF.schedule, samples=200))
     path.write_text('base = "acp"\nname = "bold"\n[learning.memory]\nkind = "off"\n')
     assert isinstance(ACP.learning, SampleLearning)
-    assert read_method(path) == replace(ACP, name="bold", learning=replace(ACP.learning, memory=Off()))
+    assert read_method(path) == replace(
+        ACP, name="bold", summary="", learning=replace(ACP.learning, memory=Off())
+    )
+
+
+def test_words_of_the_base_are_not_those_of_another_method(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    for text, summary in (
+        ('base = "acp"\n', ACP.summary),
+        ('base = "acp"\nname = "bold"\n', ""),
+        ('base = "acp"\nmargin_px = 40\n', ""),
+        ('base = "acp"\nmargin_px = 40\nsummary = "wider"\n', "wider"),
+    ):
+        path.write_text(text)
+        assert read_method(path).summary == summary
+
+
+def test_what_toml_cannot_tell_is_one_line() -> None:
+    @dataclass(frozen=True)
+    class Mine(GaussNewton):
+        kind: ClassVar[str] = "mine"
+
+    class Unlike(GaussNewton):
+        """Of the same kind: it would be read as another class."""
+
+    for method in EVERY:
+        check_writable(method)
+    @dataclass(frozen=True)
+    class Measured(GaussNewton):
+        values: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    for solver, why in (
+        (Mine(), r"solver\.kind = 'mine': give one of"),
+        (Unlike(), "it would read back as another one"),
+        (Measured(), "ndarray"),
+    ):
+        with pytest.raises(TrackingError, match=rf"^method bold: cannot be written as TOML \(.*{why}.*: use ") as told:
+            check_writable(replace(ACP, name="bold", solver=solver))
+        assert len(str(told.value)) < 400
 
 
 def test_another_kind_starts_from_its_own_defaults_and_the_same_from_the_bases(tmp_path: Path) -> None:
@@ -232,7 +274,7 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
 def test_a_byte_order_mark_is_read_over(tmp_path: Path) -> None:
     path = tmp_path / "windows.toml"
     path.write_text('base = "acp"\nmargin_px = 12.5\n', encoding="utf-8-sig")
-    assert read_method(path) == replace(ACP, name="windows", margin_px=12.5)
+    assert read_method(path) == replace(ACP, name="windows", summary="", margin_px=12.5)
     path.write_text('base = "acp"\n', encoding="utf-16")
     with pytest.raises(InputFileError, match=r"windows\.toml: no text in UTF-8: save it as UTF-8"):
         read_method(path)
