@@ -330,7 +330,8 @@ def bench(
     steps: Annotated[str, typer.Option(help="Use every n-th frame, for each n.", metavar="N,N")] = "1",
     resets: Annotated[bool, typer.Option("--resets/--no-resets", help="Start a lost part again from truth.")] = False,
     parts: Annotated[
-        Path | None, typer.Option(help="Prepared parts, a folder per data set. [default: DIR/parts]", metavar="DIR")
+        Path | None,
+        typer.Option(help="Prepared parts, a folder per data set; or of the only one. [default: DIR/parts]", metavar="DIR"),
     ] = None,
     split: Annotated[str, typer.Option(help="The data sets' folder of scenes.")] = "test",
     scheduler: Annotated[

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,7 +31,8 @@ class BenchOptions:
 
     Attributes:
         datasets: in the BOP layout; none for the sample. methods: names, split by commas.
-        out: where everything goes. parts: prepared parts, one folder per data set; None for out/parts.
+        out: where everything goes. parts: prepared parts, one folder per data set, see
+            `bench_parts.places_of`; None for out/parts.
         results_from: of outside trackers. noise: "D,M" each, degrees and mm, with `seeds` directions each.
         steps: frame steps, split by commas. resets: whether lost parts are started again.
         split: the data sets' folder of scenes. scheduler: address of a dask scheduler. jobs: processes here.
@@ -129,7 +130,7 @@ def run_bench(options: BenchOptions) -> None:
     """Run everything that is missing, and write tables, page, pictures and replays; print the tables' heads."""
     from acp_lab.bench.outside import outside_runs, roots_by_name
     from acp_lab.bench.report import Report
-    from acp_lab.commands.bench_parts import prepare_missing
+    from acp_lab.commands.bench_parts import places_of, prepare_missing
     from acp_lab.commands.machine import cores, cpu_model
     from acp_lab.commands.prepare import Spread
     from acp_lab.locks import only_writer
@@ -149,11 +150,16 @@ def run_bench(options: BenchOptions) -> None:
     if methods:
         _check_steps(_whole_numbers(options.steps), roots, options.split)
     parts = options.parts or options.out / "parts"
+    places: dict[SequenceKey, Path] = {}
+    for name, root in roots.items() if methods else ():
+        places |= places_of(root, sequences[name], parts, alone=len(roots) == 1)
     with only_writer(options.out / "bench.csv", "this bench"):
         spread = Spread(options.jobs, options.scheduler)
         for name, root in roots.items():
-            prepare_missing(root, options.split, parts / name, sequences[name], methods, spread)
-        tasks = _tasks(roots, sequences, methods, variants, parts, options.split)
+            for place in sorted({places[key] for key in sequences[name]} if methods else ()):
+                there = [key for key in sequences[name] if places[key] == place]
+                prepare_missing(root, options.split, place, there, methods, spread)
+        tasks = _tasks(roots, sequences, methods, variants, places, options.split)
         runs = _run(tasks, options) + outside
         if not any(len(run.frame_ids) for run in runs):
             raise InputFileError(f"{next(iter(roots.values()))}: {_NOTHING_LEFT}")
@@ -239,14 +245,14 @@ def _tasks(
     sequences: dict[str, list[SequenceKey]],
     methods: Sequence[Method | str],
     variants: Sequence[Variant],
-    parts: Path,
+    places: Mapping[SequenceKey, Path],
     split: str,
 ) -> list[Task]:
     """What shares a sequence stands together, so that its frames are decoded once."""
     from acp_lab.bench.protocol import task_of
 
     return [
-        task_of(root, split, parts / name, key, method, variant)
+        task_of(root, split, places[key], key, method, variant)
         for name, root in roots.items()
         for key in sequences[name]
         for method in methods

@@ -19,11 +19,35 @@ RICHEST_FIRST = ("both", "autoencoder", "templates", "")
 for a method that takes the best that is there."""
 
 
+def places_of(root: Path, sequences: Sequence[SequenceKey], parts: Path, *, alone: bool) -> dict[SequenceKey, Path]:
+    """Where the prepared part of each sequence of a data set is, or is to be.
+
+    That is parts/DATASET. Only where no other data set is benched, and it is not there, it may lie in `parts` itself,
+    as `acp-lab prepare` leaves it, prepared from the same mesh.
+    """
+    from acp_lab.preparation import check_same_mesh
+    from acp_lab.prepared_part import part_folder
+    from acp_lab.sequences.bop import BopDataset
+
+    def place(key: SequenceKey) -> Path:
+        own, mesh = parts / key.dataset, BopDataset(root).part_path(key.object_id)
+        if not alone or part_folder(own, mesh.stem).exists() or not part_folder(parts, mesh.stem).exists():
+            return own
+        try:
+            check_same_mesh(BopDataset(root).part(key.object_id), part_folder(parts, mesh.stem))
+        except PreparationError:
+            return own
+        return parts
+
+    by_object = {key.object_id: place(key) for key in {key.object_id: key for key in sequences}.values()}
+    return {key: by_object[key.object_id] for key in sequences}
+
+
 def prepare_missing(
     root: Path, split: str, parts: Path, sequences: Sequence[SequenceKey], methods: Sequence[Method | str],
     spread: Spread,
 ) -> None:  # fmt: skip
-    """Prepare what the methods need of a data set's parts into a folder.
+    """Prepare what the methods need of a data set's parts, and a folder lacks, into it.
 
     Raises:
         PreparationError: what is missing is no part, such as the environment of cv2.rapid; or the folder holds a part
@@ -38,7 +62,7 @@ def prepare_missing(
         if not meshes:
             continue
         names = meshes[0].name if len(meshes) == 1 else f"{len(meshes)} parts"
-        print(f"Preparing {names} ({generator}; once, then kept) ...", flush=True)
+        print(f"Preparing {names} ({generator}), which {parts} lacks: once, then kept ...", flush=True)
         frame = next(iter(painting_frames(own)), PrepareOptions.painting_frame)
         options = PrepareOptions(generator=generator, painting_frame=frame)
         try:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from acp_lab.bench.protocol import SequenceKey
 from acp_lab.commands import bench_parts
 from acp_lab.commands.bench import BenchOptions
 from acp_lab.commands.bench_parts import RICHEST_FIRST, generator_of
@@ -144,6 +145,32 @@ def test_files_that_are_no_method_of_their_own(
     words = ("bench", dataset, "--out", tmp_path / "out", "--config", first, "--config", second)
     assert_one_error(run(capsys, *words), second, expected)
     assert not (tmp_path / "out").exists()
+
+
+def test_parts_may_lie_where_prepare_left_them(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    words = ("bench", dataset, "--methods", "acp-edges", "--parts", parts, "--out", tmp_path / "out", "--jobs", "1")
+    outcome = run(capsys, *words)
+    assert outcome.status == 0
+    assert "Preparing" not in outcome.out
+    assert not (parts / "data").exists()
+
+
+def test_a_part_of_its_data_set_goes_first_and_one_of_another_mesh_is_none(dataset: Path, parts: Path) -> None:
+    one, four = (SequenceKey("data", 1, object_id) for object_id in (1, 4))
+    flat, own = parts, parts / "data"
+
+    def places(alone: bool = True) -> dict[SequenceKey, Path]:
+        return bench_parts.places_of(dataset, [one, four], parts, alone=alone)
+
+    assert places() == {one: flat, four: flat}
+    assert places(alone=False) == {one: own, four: own}
+    shutil.copytree(parts / "obj_000001", own / "obj_000001")
+    assert places() == {one: own, four: flat}
+    mesh = dataset / "models" / "obj_000004.ply"
+    mesh.write_bytes(mesh.read_bytes().replace(b"\nelement", b"\ncomment exported again\nelement", 1))
+    assert places() == {one: own, four: own}
 
 
 def test_half_a_replay_is_never_linked(
@@ -371,7 +398,9 @@ def test_what_is_prepared_does_not_depend_on_the_order_of_methods() -> None:
     assert {generator_of(method) for method in METHODS.values()} <= set(RICHEST_FIRST)
 
 
-def test_parts_are_prepared_together_for_what_their_methods_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_are_prepared_together_for_what_their_methods_ask(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked: list[tuple[list[Path], PrepareOptions, Spread]] = []
     monkeypatch.setattr(
         "acp_lab.commands.prepare.prepare_parts",
@@ -386,4 +415,6 @@ def test_parts_are_prepared_together_for_what_their_methods_ask(monkeypatch: pyt
         bench_parts.prepare_missing(Path("data"), "test", Path("parts"), [], methods, spread)
         assert [options.generator for _, options, _ in asked] == ["both", "autoencoder", "templates"]
         assert asked[1][1].painting_frame == frame
+        told = "Preparing 2 parts (both), which parts lacks: once, then kept ..."
+        assert capsys.readouterr().out.splitlines()[0] == told
         assert all(found == meshes and how is spread for found, _, how in asked)
