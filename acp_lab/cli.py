@@ -331,7 +331,9 @@ def bench(
     resets: Annotated[bool, typer.Option("--resets/--no-resets", help="Start a lost part again from truth.")] = False,
     parts: Annotated[
         Path | None,
-        typer.Option(help="Prepared parts, a folder per data set; or of the only one. [default: DIR/parts]", metavar="DIR"),
+        typer.Option(
+            help="Prepared parts, a folder per data set; or of the only one. [default: DIR/parts]", metavar="DIR"
+        ),
     ] = None,
     split: Annotated[str, typer.Option(help="The data sets' folder of scenes.")] = "test",
     scheduler: Annotated[

@@ -17,6 +17,7 @@ from acp_lab.bench.protocol import Variant
 from acp_lab.bench.record import Run
 from acp_lab.bench.tables import ALL, LIMITS, Row, table
 from acp_lab.evaluation.bootstrap import Interval
+from acp_lab.evaluation.metrics import number_cell
 from acp_lab.evaluation.paper_tables import Table
 from acp_lab.files import write_whole
 from acp_lab.sequences.json_file import write_json
@@ -141,10 +142,11 @@ def cells(row: Row) -> list[str]:
     recalls = [percent(interval) + mark for interval, mark in zip(row.recalls, marks, strict=True)]
     scores = row.pooled
     return [
-        row.method, str(row.sequences), str(row.runs), *recalls, _number(100 * scores.auc_10pct, 1),
-        _number(100 * scores.cm5deg5, 1), _number(scores.rot_deg_median, 2), _number(scores.trans_mm_median, 2),
-        _number(row.until_lost, 1), f"{row.lost}", f"{row.resets}", _number(row.ms_median, 1), _number(row.ms_95, 1),
-        _number(row.memory_mb, 0), _number(row.prepare_s, 1),
+        row.method, str(row.sequences), str(row.runs), *recalls, number_cell(100 * scores.auc_10pct, 1),
+        number_cell(100 * scores.cm5deg5, 1), number_cell(scores.rot_deg_median, 2),
+        number_cell(scores.trans_mm_median, 2), number_cell(row.until_lost, 1), f"{row.lost}", f"{row.resets}",
+        number_cell(row.ms_median, 1), number_cell(row.ms_95, 1), number_cell(row.memory_mb, 0),
+        number_cell(row.prepare_s, 1),
     ]  # fmt: skip
 
 
@@ -160,7 +162,7 @@ def paper_lines(paper: Table, report: Report) -> list[list[str]]:
         ours = stands_for(peer, report.methods)
         found = next((r for r in plain if r.group == group and r.method == ours), None)
         here = ["-", "-", "-"] if found is None else [found.method, *(percent(r) for r in found.recalls[:2])]
-        means = [_number(100 * mean, 1) for mean in (row.mean_2, row.mean_5)]
+        means = [number_cell(100 * mean, 1) for mean in (row.mean_2, row.mean_5)]
         lines.append([peer.name, *means, *here, peer.where])
     return lines
 
@@ -231,7 +233,3 @@ def _shared(variant: Variant) -> Variant:
 
 def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"

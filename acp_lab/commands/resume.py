@@ -7,7 +7,6 @@ had learnt of the part's look is not kept.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -19,7 +18,7 @@ from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.input_file import read_json_object
 from acp_lab.prepared_part import part_folder
-from acp_lab.prepared_part.integrity import checksum
+from acp_lab.prepared_part.integrity import checksum, checksum_of_values
 from acp_lab.sequences.images import VideoFile
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence as Frames
@@ -89,12 +88,12 @@ class Resumption:
 
 def inputs_of(jobs: Sequence[SceneJob], parts: Path, configuration: Any) -> dict[str, str]:
     """Checksums of all that the poses depend on, by name; images count by their names and sizes."""
-    inputs = {"the method": _digest(configuration)}
+    inputs = {"the method": checksum_of_values(configuration)}
     for job in jobs:
         scene = f"scene {job.sequence.scene_id}"
-        inputs[f"{scene}, its images or camera"] = _digest(_frames_in_words(job.sequence))
+        inputs[f"{scene}, its images or camera"] = checksum_of_values(_frames_in_words(job.sequence))
         for object_id, pose in job.starts.items():
-            inputs[f"{scene}, the start pose of object {object_id}"] = _digest(pose.tolist())
+            inputs[f"{scene}, the start pose of object {object_id}"] = checksum_of_values(pose.tolist())
             part = part_folder(parts, job.models[object_id].part.name)
             inputs[f"the prepared part {part.name}"] = checksum((part / "part.json").read_bytes())
     return inputs
@@ -222,7 +221,3 @@ def _codings(files: Iterable[Path]) -> list[str]:
 def _sizes(files: Iterable[Path]) -> Iterator[tuple[str, int]]:
     for path in files:
         yield path.name, path.stat().st_size if path.exists() else -1
-
-
-def _digest(values: Any) -> str:
-    return checksum(json.dumps(values, sort_keys=True).encode())

@@ -19,7 +19,7 @@ import numpy as np
 
 from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError, check_kind
-from acp_lab.evaluation.metrics import FrameErrors, Scores, pooled_scores, pose_error, scores
+from acp_lab.evaluation.metrics import FrameErrors, Scores, number_cell, pooled_scores, pose_error, scores
 from acp_lab.evaluation.part_metric import PartMetric, metric_name
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.sequences.bop import BopDataset, BopScene, image_files
@@ -233,13 +233,9 @@ def _score_cells(values: Scores) -> tuple[str, ...]:
     shares = (values.recall_2, values.recall_5, values.recall_10, values.auc_10pct, values.cm5deg5)
     return (
         str(values.frames),
-        *(_cell(100.0 * share, 1) for share in shares),
-        _cell(values.rot_deg_median, 2),
-        _cell(values.trans_mm_median, 2),
+        *(number_cell(100.0 * share, 1) for share in shares),
+        number_cell(values.rot_deg_median, 2),
+        number_cell(values.trans_mm_median, 2),
         str(values.frames_until_lost),
-        _cell(1000.0 * values.time_s_median, 1),
+        number_cell(1000.0 * values.time_s_median, 1),
     )
-
-
-def _cell(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"

@@ -244,3 +244,8 @@ def _joined(parts: list[FloatArray]) -> FloatArray:
 
 def _median(values: FloatArray) -> float:
     return float(np.median(values)) if len(values) else math.nan
+
+
+def number_cell(value: float, digits: int) -> str:
+    """A number in a table, "-" for one that is not finite."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"

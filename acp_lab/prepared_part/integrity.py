@@ -29,16 +29,21 @@ def checksum(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
+def checksum_of_values(values: Any) -> str:
+    """The checksum of anything that JSON can hold: not of a text, as spaces and order are no change."""
+    return checksum(json.dumps(values, sort_keys=True).encode())
+
+
 def sealed(header: Mapping[str, Any], contents: Mapping[str, bytes]) -> dict[str, Any]:
     """The values of part.json with the checksums of all files, `contents` by name, and of the values themselves."""
     files = {name: checksum(content) for name, content in sorted(contents.items())}
     values = {**_without_own(header), _FILES: files}
-    return {**values, _OWN: _checksum_of(values)}
+    return {**values, _OWN: checksum_of_values(values)}
 
 
 def check_sealed(header: Mapping[str, Any]) -> None:
     """PreparationError when values of part.json were changed."""
-    if header.get(_OWN) != _checksum_of(_without_own(header)):
+    if header.get(_OWN) != checksum_of_values(_without_own(header)):
         raise PreparationError("part.json has changed since it was prepared: its checksum differs")
 
 
@@ -84,8 +89,3 @@ def read_arrays(folder: Path, header: Mapping[str, Any], stem: str) -> dict[str,
 
 def _without_own(header: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in header.items() if key != _OWN}
-
-
-def _checksum_of(values: Mapping[str, Any]) -> str:
-    # Of the values, not of the text: what JSON leaves open (spaces, order) is no change.
-    return checksum(json.dumps(values, sort_keys=True).encode())

@@ -35,12 +35,15 @@ class RestOfSequence:
     @property
     def first_poses(self) -> Mapping[int, FloatArray]:
         """Always SequenceError: the first frame's truth is that of the whole sequence."""
-        raise SequenceError(f"{self.name}: from image {self.first} on it starts from an estimate: give that")
+        raise self._no_truth()
 
     @property
     def first_pose(self) -> FloatArray:
         """Always SequenceError."""
-        raise SequenceError(f"{self.name}: from image {self.first} on it starts from an estimate: give that")
+        raise self._no_truth()
+
+    def _no_truth(self) -> SequenceError:
+        return SequenceError(f"{self.name}: from image {self.first} on it starts from an estimate: give that")
 
     def _rest(self) -> Iterator[Frame | UnreadableFrame]:
         if isinstance(self.sequence, BopScene):  # nothing that is left out needs to be decoded
