@@ -89,15 +89,14 @@ def _holds(path: Path, content: bytes) -> bool:
         return False
 
 
-def check_replaces_own(path: Path, beginning: bytes, writer: str, kind: str) -> None:
-    """Refuse to replace what is not of this program, such as a data set's truth, and to wait for a pipe's reader.
+def check_place(path: Path, writer: str) -> None:
+    """Refuse a name that no file can have, and to wait for a pipe's reader.
 
     Args:
-        beginning: bytes that files of this kind begin with; an empty file may be replaced, too.
-        writer: whoever would replace it, such as "--out"; kind: such as "results".
+        writer: whoever would write there, such as "--out".
 
     Raises:
-        InputFileError: the file begins otherwise, or is none, or that is no name of a file.
+        InputFileError: that is no name of a file, or one of a pipe, a device or a socket.
     """
     try:
         is_there, is_name = path.exists(), bool(path.name) and "\0" not in str(path)
@@ -108,6 +107,19 @@ def check_replaces_own(path: Path, beginning: bytes, writer: str, kind: str) -> 
         raise InputFileError(f"{shown[:80]}: no file can have that name: choose another one for {writer}")
     if is_there:
         check_regular(path, f"give {writer} another place", math.inf)
+
+
+def check_replaces_own(path: Path, beginning: bytes, writer: str, kind: str) -> None:
+    """Refuse to replace what is not of this program, such as a data set's truth; and what `check_place` refuses.
+
+    Args:
+        beginning: bytes that files of this kind begin with; an empty file may be replaced, too.
+        writer: whoever would replace it, such as "--out"; kind: such as "results".
+
+    Raises:
+        InputFileError: the file begins otherwise, or is none, or that is no name of a file.
+    """
+    check_place(path, writer)
     if not path.is_file():
         return
     with path.open("rb") as file:

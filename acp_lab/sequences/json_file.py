@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from acp_lab.errors import GeometryError, InputFileError
-from acp_lab.files import write_whole
+from acp_lab.files import check_place, write_whole
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
 from acp_lab.input_file import is_measure, read_json_object
@@ -55,9 +55,24 @@ def read_pose(path: str | Path) -> FloatArray:
 
 
 def write_pose(path: str | Path, cam_T_obj: FloatArray) -> None:
-    """Write a pose (4, 4), mm, as the POSE.json that `read_pose` reads; InputFileError when that cannot be."""
+    """Write a pose (4, 4), mm, as the POSE.json that `read_pose` reads, also in place of an older one.
+
+    InputFileError when that cannot be, and rather than replace a file that holds no pose.
+    """
+    path = Path(path)
+    check_place(path, "the pose")
+    if path.is_file() and path.stat().st_size and not _is_pose(path):
+        raise InputFileError(f"{path}: the pose would replace a file that is not a pose: choose another name")
     values = {"cam_R_m2c": cam_T_obj[:3, :3].ravel().tolist(), "cam_t_m2c": cam_T_obj[:3, 3].tolist()}
     write_json(path, values)
+
+
+def _is_pose(path: Path) -> bool:
+    try:
+        read_pose(path)
+    except InputFileError:
+        return False
+    return True
 
 
 def write_json(path: str | Path, values: Mapping[str, Any]) -> None:

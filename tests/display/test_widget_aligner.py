@@ -135,6 +135,26 @@ def test_what_is_told_is_never_taken_for_html(aligner: PoseAligner, tmp_path: Pa
     assert "<b>but not snapped</b>" in aligner.message.value
 
 
+def test_a_typed_name_is_taken_as_it_is_meant(
+    aligner: PoseAligner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path / "home"))
+    for typed, place in (("  POSE.json ", tmp_path / "POSE.json"), ("~/POSE.json", tmp_path / "home" / "POSE.json")):
+        aligner.path.value = typed
+        aligner._save_as_told()
+        assert str(place) in aligner.message.value
+        np.testing.assert_allclose(read_pose(place), aligner.cam_T_obj, atol=1e-9)
+    (tmp_path / "mine.stl").write_text("solid mine")
+    for typed, told in ((" ", "no file can have that name"), ("a\0b", "no file can have"), ("mine.stl", "not a pose")):
+        aligner.path.value = typed
+        aligner._save_as_told()
+        assert told in aligner.message.value
+    assert (tmp_path / "mine.stl").read_text() == "solid mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["POSE.json", "home", "mine.stl"]
+
+
 def test_the_part_begins_in_the_middle_of_the_image(aligner: PoseAligner) -> None:
     middle = aligner.editor.points.mean(0)
     assert np.linalg.norm(middle - (319.5, 255.5)) < 15.0

@@ -38,7 +38,9 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
-def test_by_hand_from_watching_to_a_results_file(window: LiveWindow, tmp_path: Path) -> None:
+def test_by_hand_from_watching_to_a_results_file(
+    window: LiveWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     until(lambda: len(window.canvas.image) > 0)
     until(lambda: "frames per second" in window.canvas.status)
     assert "no pose yet" in window.canvas.status
@@ -65,6 +67,17 @@ def test_by_hand_from_watching_to_a_results_file(window: LiveWindow, tmp_path: P
     np.testing.assert_allclose(rows[0].cam_T_obj, window.loop.rows[0].cam_T_obj)
     with pytest.raises(InputFileError):
         window.save(tmp_path / "results.csv" / "further.csv")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path / "home"))
+    for typed, place in ((" again.csv ", "again.csv"), ("~/results.csv", "home/results.csv")):
+        window.path.value = typed
+        window._save_as_told()
+        assert str(tmp_path / place) in window.message.value
+        assert (tmp_path / place).is_file()
+    window.path.value = " "
+    window._save_as_told()
+    assert "no file can have that name" in window.message.value
     window.path.value = str(tmp_path / "results.csv" / "<img src=x>.csv")
     window._save_as_told()
     assert "&lt;img src=x&gt;" in window.message.value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,31 @@ def test_whatever_is_wrong_with_a_pose_file_is_one_line(tmp_path: Path, content:
         read_pose(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_pose_replaces_poses_and_nothing_else(tmp_path: Path) -> None:
+    path, cad = tmp_path / "POSE.json", tmp_path / "mine.stl"
+    for content in ("", json.dumps(pose_entry(pose(3)), indent=None, separators=(" , ", ":   "))):
+        path.write_text(content)
+        write_pose(path, pose(4))
+        np.testing.assert_allclose(read_pose(path), pose(4), atol=1e-12)
+    for content in ("solid mine", '{"a": 1}', "\0\xff"):
+        cad.write_text(content)
+        with pytest.raises(InputFileError, match="replace a file that is not a pose: choose another name") as told:
+            write_pose(cad, pose(4))
+        assert str(cad) in str(told.value)
+        assert "\n" not in str(told.value)
+        assert cad.read_text() == content
+    for name in ("", "a" * 300, "a\0b"):
+        with pytest.raises(InputFileError, match="no file can have that name: choose another one for the pose"):
+            write_pose(Path(name), pose(4))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes are those of POSIX")
+def test_a_pose_does_not_replace_a_pipe(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputFileError, match="give the pose another place"):
+        write_pose(tmp_path / "pipe", pose(4))
 
 
 def test_missing_and_binary_files(tmp_path: Path) -> None:

@@ -1,8 +1,10 @@
-"""Rows of buttons that several widgets have, and the end of widgets."""
+"""Rows of buttons and names of files that several widgets have, and the end of widgets."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
 import ipywidgets
 
@@ -52,6 +54,11 @@ def side_by_side(*columns: tuple[ipywidgets.Widget, str]) -> ipywidgets.Box:
         widget.layout.flex, widget.layout.min_width = flex, "0"
     layout = ipywidgets.Layout(display="flex", flex_flow="row wrap", grid_gap="12px 16px", align_items="flex-start")
     return ipywidgets.Box([widget for widget, _ in columns], layout=layout)
+
+
+def typed_path(text: str) -> Path:
+    """The file that somebody means who typed its name: "~" is the home folder, spaces around it are none of it."""
+    return Path(os.path.expanduser(text.strip()))
 
 
 def close_with_parts(*widgets: ipywidgets.Widget) -> None:

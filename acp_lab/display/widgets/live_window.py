@@ -13,7 +13,7 @@ import ipywidgets
 import numpy as np
 
 from acp_lab.display.look import TRUTH
-from acp_lab.display.widgets.controls import button, close_with_parts, row, side_by_side
+from acp_lab.display.widgets.controls import button, close_with_parts, row, side_by_side, typed_path
 from acp_lab.display.widgets.curve_plot import Curve, CurvePlot
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, Overlay, residual_strokes
 from acp_lab.display.widgets.picture import image_size, jpeg_bytes
@@ -174,12 +174,13 @@ class LiveWindow(Still, ipywidgets.VBox):
         self.loop.watch()
 
     def _save_as_told(self) -> None:
+        path = typed_path(self.path.value)
         try:
-            count = self.save(self.path.value)
+            count = self.save(path)
         except AcpLabError as error:
             self._tell(str(error))
         else:
-            self._tell(f"{count} poses are in {Path(self.path.value).resolve()}")
+            self._tell(f"{count} poses are in {path.resolve()}")
 
     def _tell(self, text: str) -> None:
         self.message.value = html.escape(text)

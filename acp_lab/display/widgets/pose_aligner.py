@@ -29,6 +29,7 @@ from acp_lab.display.widgets.controls import (
     row,
     side_by_side,
     turn_buttons,
+    typed_path,
 )
 from acp_lab.display.widgets.corner_pairs import CornerPairs
 from acp_lab.display.widgets.find_panel import FindPanel
@@ -158,7 +159,7 @@ class PoseAligner(Still, ipywidgets.VBox):
         return True
 
     def save(self, path: str | Path) -> None:
-        """Write the pose as POSE.json; InputFileError when the place cannot be written.
+        """Write the pose as POSE.json; InputFileError when the place cannot be written or holds something else.
 
         A file that holds this very pose already stays as it is, byte for byte.
         """
@@ -349,12 +350,13 @@ class PoseAligner(Still, ipywidgets.VBox):
         return project_samples(self._generator.edges, visible, self.cam_T_obj, self.frame.camera)
 
     def _save_as_told(self) -> None:
+        path = typed_path(self.path.value)
         try:
-            self.save(self.path.value)
+            self.save(path)
         except AcpLabError as error:
             self._tell(str(error))
         else:
-            told = f"the pose is in {Path(self.path.value).resolve()}"
+            told = f"the pose is in {path.resolve()}"
             if self.snapped is None:
                 self._tell(f"{told}, ", "but not snapped", ": that of your hand alone")
             elif not self.snapped.is_good:
@@ -372,7 +374,7 @@ def _holds(path: Path, pose: FloatArray) -> bool:
     """Whether a POSE.json says exactly this pose."""
     try:
         return bool(np.array_equal(read_pose(path), pose))
-    except AcpLabError:
+    except (AcpLabError, ValueError):  # no file can have such a name: whoever writes there says so
         return False
 
 
