@@ -195,7 +195,7 @@ const model = new Model({
   orbits: false, orbit: [0, 0], dragging: false, title: "", status: "", view: [], axes: [], height_px: 480,
 });
 const el = page();
-widget.render({ model, el });
+const destroy = widget.render({ model, el });
 const ground = el.of("acp-svg")[0];
 const view = () => ground.getAttribute("viewBox").split(" ").map(Number);
 const finger = (type, pointerId, clientX, clientY, target = ground) => {
@@ -276,3 +276,149 @@ def test_an_image_of_another_size_keeps_the_view_that_the_kernel_wants(tmp_path:
     """
     told = on_the_canvas(tmp_path, trial)
     assert told == {"wanted": [40, 30, 64, 48], "whole": [-0.5, -0.5, 300, 200]}
+
+
+_HELD = """
+const handle = el.of("acp-handle")[0];
+const held = () => {
+  finger("pointerdown", 1, 100.5, 100.5, handle);
+  finger("pointermove", 1, 120.5, 100.5, handle);
+  nextFrame();
+};
+const root = el.of("acp-canvas")[0];
+const undo = (target) => root.listeners.keydown(
+  { key: "z", ctrlKey: true, target, preventDefault() {}, stopPropagation() {} },
+);
+const buttons = Object.fromEntries(el.of("acp-button").map((node) => [node.title, node.listeners.click]));
+"""
+
+
+def test_nothing_is_undone_below_a_hand_that_drags(tmp_path: Path) -> None:
+    trial = """
+    held();
+    undo(handle);
+    buttons.undo();
+    const during = model.sent.length;
+    finger("pointerup", 1, 120.5, 100.5, handle);
+    undo(handle);
+    buttons.undo();
+    tell({ during, after: model.sent.map((message) => message.kind) });
+    """
+    assert on_the_canvas(tmp_path, _HELD + trial) == {"during": 0, "after": ["undo", "undo"]}
+
+
+def test_undo_is_heard_anywhere_in_the_canvas_but_where_one_writes(tmp_path: Path) -> None:
+    trial = """
+    undo(ground);
+    const field = { closest: (selector) => (selector.includes("input") ? field : null) };
+    undo(field);
+    const editable = model.sent.length;
+    model.set("editable", false);
+    undo(ground);
+    tell([editable, model.sent.length]);
+    """
+    assert on_the_canvas(tmp_path, _HELD + trial) == [1, 1]
+
+
+def test_a_drag_ends_when_other_points_come_below_it(tmp_path: Path) -> None:
+    trial = """
+    held();
+    finger("pointermove", 1, 130.5, 100.5, handle); // its animation frame is still to come
+    model.change("points", [[1, 1], [2, 2]]);
+    nextFrame();
+    finger("pointermove", 1, 140.5, 100.5, handle);
+    nextFrame();
+    finger("pointerup", 1, 140.5, 100.5, handle);
+    tell({ points: model.get("points"), dragging: model.get("dragging"), view: view() });
+    """
+    told = on_the_canvas(tmp_path, _HELD + trial)
+    assert told == {"points": [[1, 1], [2, 2]], "dragging": False, "view": [-0.5, -0.5, 640, 480]}
+
+
+def test_a_canvas_that_is_taken_away_lets_go_of_what_it_holds(tmp_path: Path) -> None:
+    trial = """
+    held();
+    finger("pointermove", 1, 130.5, 100.5, handle); // its animation frame is still to come
+    destroy();
+    const saved = model.saved;
+    nextFrame();
+    tell({ point: model.get("points")[0], dragging: model.get("dragging"), late: model.saved - saved });
+    """
+    assert on_the_canvas(tmp_path, _HELD + trial) == {"point": [130, 100], "dragging": False, "late": 0}
+    trial = """
+    model.set("orbits", true);
+    finger("pointerdown", 1, 500.5, 400.5);
+    finger("pointermove", 1, 480.5, 400.5);
+    nextFrame();
+    finger("pointermove", 1, 470.5, 400.5);
+    destroy();
+    tell({ orbit: model.get("orbit"), dragging: model.get("dragging") });
+    """
+    assert on_the_canvas(tmp_path, trial) == {"orbit": [-30, 0], "dragging": False}
+    trial = """
+    held();
+    model.save_changes = () => { throw new Error("closed"); };
+    destroy();
+    tell(model.listeners);
+    """
+    assert on_the_canvas(tmp_path, _HELD + trial) == 0
+
+
+def test_a_click_with_an_unsteady_hand_turns_nothing(tmp_path: Path) -> None:
+    trial = """
+    model.set("orbits", true);
+    finger("pointerdown", 1, 500.5, 400.5);
+    finger("pointermove", 1, 501.5, 401.5);
+    nextFrame();
+    finger("pointerup", 1, 501.5, 401.5);
+    tell({ orbit: model.get("orbit"), saved: model.saved, kinds: model.sent.map((message) => message.kind) });
+    """
+    assert on_the_canvas(tmp_path, trial) == {"orbit": [0, 0], "saved": 0, "kinds": ["click"]}
+
+
+def test_points_stay_on_a_map(tmp_path: Path) -> None:
+    trial = """
+    const far = () => {
+      held();
+      finger("pointermove", 1, 2000.5, -3000.5, handle);
+      nextFrame();
+      finger("pointerup", 1, 2000.5, -3000.5, handle);
+      return model.get("points")[0];
+    };
+    const picture = far();
+    const axis = { label: "turn", unit: "°", low: -8, high: 8 };
+    model.change("axes", [axis, axis]);
+    model.change("points", [[100, 100], [300, 100], [300, 300], [100, 300]]);
+    tell({ picture, map: far() });
+    """
+    assert on_the_canvas(tmp_path, _HELD + trial) == {"picture": [1280, -480], "map": [639.5, -0.5]}
+
+
+def test_show_all_goes_back_to_the_view_that_was_first(tmp_path: Path) -> None:
+    trial = """
+    model.change("view", [40, 30, 64, 48]);
+    const seen = [];
+    for (let k = 0; k < 3; k++) buttons["show all"](), seen.push(view());
+    buttons["zoom in"]();
+    buttons["show all"]();
+    seen.push(view());
+    ground.listeners.dblclick();
+    const clickable = view();
+    model.set("clickable", false);
+    ground.listeners.dblclick();
+    tell({ seen, clickable, other: view() });
+    """
+    whole, part = [-0.5, -0.5, 640, 480], [40, 30, 64, 48]
+    told = on_the_canvas(tmp_path, _HELD + trial)
+    assert told == {"seen": [whole, part, whole, whole], "clickable": whole, "other": part}
+
+
+def test_a_stage_is_never_too_low_to_be_hit(tmp_path: Path) -> None:
+    trial = """
+    model.change("image_size", [4000, 60]);
+    const stage = el.of("acp-stage")[0];
+    const least = stage.style.minHeight;
+    model.change("height_px", 50);
+    tell([least, stage.style.minHeight]);
+    """
+    assert on_the_canvas(tmp_path, trial) == ["80px", "50px"]

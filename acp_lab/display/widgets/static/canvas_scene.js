@@ -9,6 +9,7 @@ const LOUPE_SHARE = 0.3;
 const LOUPE_ZOOM = 4;
 const MOST_ZOOM = 64;
 const LEAST_WIDTH_PX = 200;
+const LEAST_HEIGHT_PX = 80;
 
 class Scene {
   constructor(model, el) {
@@ -31,11 +32,11 @@ class Scene {
     this.buttons = {};
     const tools = html("span", "acp-tools", bar);
     for (const name of ["undo", "reset"]) {
-      this.buttons[name] = button(name, tools, () => this.model.send({ kind: name }));
+      this.buttons[name] = button(name, tools, () => this.goBack(name));
     }
     button("zoom in", tools, () => this.zoom(1.5));
     button("zoom out", tools, () => this.zoom(1 / 1.5));
-    button("show all", tools, () => this.setView(this.whole()));
+    button("show all", tools, () => this.showWhole());
     this.stage = html("div", "acp-stage", this.root);
     this.svg = svg("svg", { class: "acp-svg", tabindex: "-1" }, this.stage);
     const id = `acp-${Math.random().toString(36).slice(2)}`;
@@ -58,6 +59,11 @@ class Scene {
     this.place = html("span", "acp-place", foot);
   }
 
+  // Undo or reset; not below a hand that holds points, which would put down others than it took up.
+  goBack(kind) {
+    if (!this.grabbed.length) this.model.send({ kind });
+  }
+
   // ---- showing
 
   showAll() {
@@ -72,11 +78,13 @@ class Scene {
   showSize() {
     const [, , width, height] = this.aspect();
     const limit = this.model.get("height_px");
-    // A tall image gets some ground beside it: nobody could hit a stage that is a few pixels wide.
+    // A tall image gets some ground beside it, a wide one above and below: nobody could hit a stage that is a few pixels
+    // wide or high.
     const most = Math.round(Math.max((limit * width) / height, Math.min(LEAST_WIDTH_PX, limit)));
     const tall = (limit * width) / height < most;
     this.stage.style.width = `min(100%, ${most}px)`;
     this.stage.style.aspectRatio = tall ? `${most} / ${limit}` : `${width} / ${height}`;
+    this.stage.style.minHeight = `${Math.min(LEAST_HEIGHT_PX, limit)}px`;
     // What stands above and below it is as wide, but a title needs some room.
     this.root.style.maxWidth = `${Math.max(most, 280)}px`;
   }
@@ -108,6 +116,13 @@ class Scene {
     const view = this.model.get("view");
     this.showSize();
     this.setView(view.length === 4 ? view : this.whole());
+  }
+
+  // All of the image; from there, back to the part of it that the kernel wants to be seen first.
+  showWhole() {
+    const whole = this.whole();
+    const isWhole = whole.every((value, i) => value === this.box[i]);
+    this.setView(isWhole ? this.aspect() : whole);
   }
 
   showOverlays() {

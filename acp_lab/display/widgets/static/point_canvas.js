@@ -22,7 +22,7 @@ class PointCanvas extends Scene {
       "change:view": () => this.showView(),
       "change:overlays": () => this.showOverlays(),
       "change:axes": () => this.showPoints(),
-      "change:points": () => this.showPoints(),
+      "change:points": () => (this.dropStale(), this.showPoints()),
       "change:labels": () => this.showPoints(),
       "change:active": () => this.showPoints(),
       "change:closed": () => this.showPoints(),
@@ -39,7 +39,7 @@ class PointCanvas extends Scene {
     canvas.addEventListener("pointerup", (event) => this.release(event));
     canvas.addEventListener("pointercancel", (event) => this.release(event));
     canvas.addEventListener("pointerleave", () => (this.place.textContent = ""));
-    canvas.addEventListener("dblclick", () => this.setView(this.whole()));
+    canvas.addEventListener("dblclick", () => this.model.get("clickable") || this.showWhole());
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.root.addEventListener("keydown", (event) => this.key(event));
     // The size on screen decides how large a handle is in image pixels.
@@ -48,6 +48,13 @@ class PointCanvas extends Scene {
   }
 
   destroy() {
+    try {
+      // Else what the hand holds would be held for ever.
+      this.endSwing();
+      this.letGo();
+    } catch {
+      // The model is closed already: nobody is left to tell.
+    }
     for (const [name, action] of Object.entries(this.changes)) this.model.off(name, action);
     this.resized.disconnect();
     if (this.url) URL.revokeObjectURL(this.url);
@@ -63,6 +70,10 @@ class PointCanvas extends Scene {
   at(event) {
     const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.svg.getScreenCTM().inverse());
     return [point.x, point.y];
+  }
+
+  isMap() {
+    return this.model.get("axes").length === 2;
   }
 
   // Of handles that lie upon each other the nearest is meant, not the topmost.
@@ -100,8 +111,7 @@ class PointCanvas extends Scene {
 
   move(event) {
     const at = this.at(event);
-    const isMap = this.model.get("axes").length === 2;
-    this.place.textContent = isMap ? this.axes.read(at) : `${at[0].toFixed(1)}, ${at[1].toFixed(1)} px`;
+    this.place.textContent = this.isMap() ? this.axes.read(at) : `${at[0].toFixed(1)}, ${at[1].toFixed(1)} px`;
     if (!this.pointers.has(event.pointerId)) return;
     const before = this.pointers.get(event.pointerId);
     const [x, y] = this.pressed.client;
@@ -137,7 +147,9 @@ class PointCanvas extends Scene {
   endSwing() {
     if (!this.swing) return;
     cancelAnimationFrame(this.pending);
-    this.turn(false);
+    this.pending = 0;
+    // A click with an unsteady hand is no turn.
+    if (this.pressed.moved) this.turn(false);
     this.swing = null;
   }
 
@@ -157,8 +169,12 @@ class PointCanvas extends Scene {
 
   shifted(points, grabbed, dx, dy) {
     const [, , width, height] = this.whole();
-    // Points may leave the image by its own size, no more: a point that nobody finds again helps nobody.
-    const held = (v, size) => Math.round(100 * Math.min(Math.max(v, -size), 2 * size)) / 100;
+    // Points may leave the image by its own size, no more: a point that nobody finds again helps nobody. Beyond a map
+    // there is nothing.
+    const held = (v, size) => {
+      const [low, high] = this.isMap() ? [-0.5, size - 0.5] : [-size, 2 * size];
+      return Math.round(100 * Math.min(Math.max(v, low), high)) / 100;
+    };
     return points.map((p, i) => (grabbed.includes(i) ? [held(p[0] + dx, width), held(p[1] + dy, height)] : p));
   }
 
@@ -179,6 +195,18 @@ class PointCanvas extends Scene {
     this.showPoints();
   }
 
+  // The points that are held are no more: what the hand does until it lets go moves nothing.
+  dropStale() {
+    if (!this.drag || this.model.get("points").length === this.drag.start.length) return;
+    cancelAnimationFrame(this.pending);
+    this.pending = 0;
+    this.pointers.delete(this.drag.id);
+    this.drag = null;
+    this.grabbed = [];
+    this.model.set("dragging", false);
+    this.model.save_changes();
+  }
+
   // A click on a handle counts as one, too: what is meant may lie next to a point that is there already.
   release(event) {
     const known = this.pointers.delete(event.pointerId);
@@ -191,11 +219,11 @@ class PointCanvas extends Scene {
   }
 
   key(event) {
+    if (!this.model.get("editable") || event.target.closest?.("input, textarea")) return;
     const handle = event.target.closest?.(".acp-handle");
-    if (!handle || !this.model.get("editable")) return;
     if (event.key === "z" && (event.ctrlKey || event.metaKey)) {
-      this.model.send({ kind: "undo" });
-    } else if (event.key in STEPS) {
+      this.goBack("undo");
+    } else if (handle && event.key in STEPS) {
       const length = event.shiftKey ? 10 : 1;
       const [dx, dy] = STEPS[event.key];
       const index = [...this.handles.childNodes].indexOf(handle);
