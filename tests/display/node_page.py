@@ -23,12 +23,17 @@ class Thing {
   get children() { return this.childNodes; }
   appendChild(node) { this.childNodes.push(node); node.parent = this; return node; }
   replaceChildren(...nodes) { this.childNodes = nodes; }
-  after() {}
+  after(node) {
+    const siblings = this.parent.childNodes;
+    siblings.splice(siblings.indexOf(this) + 1, 0, node);
+    node.parent = this.parent;
+  }
   remove() { this.parent.childNodes = this.parent.childNodes.filter((node) => node !== this); }
   setAttribute(name, value) { this.attributes[name] = String(value); }
   getAttribute(name) { return this.attributes[name] ?? null; }
   removeAttribute(name) { delete this.attributes[name]; }
   addEventListener(name, action) { this.listeners[name] = action; }
+  hasPointerCapture(id) { return this.captured.has(id); }
   getBoundingClientRect() { return { left: 0, top: 0, width: 640, height: 480 }; }
   getScreenCTM() { return { inverse: () => this.attributes.viewBox.split(" ").map(Number) }; }
   setPointerCapture(id) { this.captured.add(id); }

@@ -99,21 +99,136 @@ def test_a_view_that_is_made_anew_begins_where_the_film_is() -> None:
     assert film.get_state()["place"] == 2
 
 
+_FILM = """
+const state = {
+  image: new DataView(new ArrayBuffer(0)), image_size: [20, 10], overlays: [], points: [], labels: [], active: -1,
+  closed: false, editable: false, problem: "", title: "", status: "", view: [], axes: [], height_px: 300,
+  count: 5, interval_ms: 40, repeat: false, seek: [1, 0], place: 0, leader: "", edition: 1, clickable: false,
+};
+const wait = async (isTrue) => { while (!isTrue()) await new Promise((done) => setTimeout(done, 5)); };
+const picture = (frame) => [
+  { kind: "picture", frame, edition: 1, title: `frame ${frame}`, status: "", points: [], view: [], overlays: [] },
+  [new DataView(new ArrayBuffer(0))],
+];
+const pictures = (model, ...frames) => frames.forEach(
+  (frame) => model.actions["msg:custom"].forEach((hear) => hear(...picture(frame))),
+);
+const shown = (el) => {
+  const buttons = el.of("acp-button");
+  const [bar] = el.of("acp-film");
+  const slide = (value) => {
+    const slider = bar.of("acp-slider")[0];
+    slider.value = value;
+    slider.listeners.input();
+  };
+  return {
+    press: (name) => buttons.find((node) => node.title === name).listeners.click(),
+    slide,
+    count: () => bar.of("acp-place")[0].textContent,
+    title: () => el.of("acp-title")[0].textContent,
+    status: () => el.of("acp-status")[0].textContent,
+    plays: () => buttons.some((node) => node.title === "pause"),
+  };
+};
+"""
+
+
 def test_a_second_view_asks_for_the_pictures_from_its_place_on(tmp_path: Path) -> None:
     trial = """
-    const state = {
-      image: new DataView(new ArrayBuffer(0)), image_size: [20, 10], overlays: [], points: [], labels: [], active: -1,
-      closed: false, editable: false, problem: "", title: "", status: "", view: [], axes: [], height_px: 300,
-      count: 5, interval_ms: 40, repeat: false, seek: [1, 0], place: 3, edition: 1,
-    };
-    const model = new Model(state);
+    const model = new Model({ ...state, place: 3 });
     const el = page();
     const destroy = widget.render({ model, el });
     const [{ frames }] = model.sent;
     destroy();
     tell({ frames, told: model.sent.slice(1), listeners: model.listeners });
     """
-    told = in_node(tmp_path, FilmCanvas._esm, trial)
+    told = in_node(tmp_path, FilmCanvas._esm, _FILM + trial)
     assert told["frames"][0] == 3
     assert told["told"] == []
     assert told["listeners"] == 0
+
+
+def test_the_kernel_passes_on_which_view_moved_the_film() -> None:
+    film = FilmCanvas(picture_of, 5)
+    seek = film.seek
+    film._hear(None, {"kind": "at", "frame": 3, "view": "left"}, [])
+    assert (film.place, film.leader, film.seek) == (3, "left", seek)
+    film.frame = 1
+    assert (film.place, film.leader) == (1, ""), "the kernel leads all views, by seek"
+
+
+def test_of_two_views_the_one_follows_the_hand_on_the_other(tmp_path: Path) -> None:
+    trial = """
+    const model = new Model({ ...state });
+    const [left, right] = [page(), page()];
+    widget.render({ model, el: left });
+    widget.render({ model, el: right });
+    const [a, b] = [shown(left), shown(right)];
+    const at = () => model.sent.filter(({ kind }) => kind === "at");
+    const passOn = ({ frame, view }) => {
+      model.set("leader", view), model.set("place", frame);
+      for (const name of ["leader", "place"]) model.actions[`change:${name}`].forEach((action) => action());
+    };
+    pictures(model, 0, 1, 2, 3, 4);
+    a.press("play");
+    await wait(() => at().length); // a playing view tells, whoever hears of it
+    passOn(at()[0]);
+    const first = [a.plays(), b.count()[0] === String(at()[0].frame + 1)];
+    b.slide(4);
+    await wait(() => at().some(({ view }) => view !== at()[0].view));
+    const [late, hand] = [at()[0], at().find(({ view }) => view !== at()[0].view)];
+    passOn(hand);
+    const second = [a.plays(), a.count(), b.count()];
+    // What the first view told before it heard of the second one's hand: both go there.
+    passOn({ ...late, frame: 1 });
+    tell({ first, second, late: [a.count(), b.count()], loops: at().length });
+    """
+    told = in_node(tmp_path, FilmCanvas._esm, _FILM + trial)
+    assert told["first"] == [True, True]
+    assert told["second"] == [False, "5 / 5", "5 / 5"]
+    assert told["late"] == ["2 / 5", "2 / 5"]
+
+
+def test_a_film_without_a_kernel_shows_what_it_has_and_says_so(tmp_path: Path) -> None:
+    trial = """
+    const model = new Model({ ...state });
+    const el = page();
+    widget.render({ model, el });
+    const film = shown(el);
+    pictures(model, 0, 1, 2);
+    model.send = () => { throw new Error("Cannot send"); };
+    film.press("play");
+    await wait(() => !film.plays());
+    nextFrame();
+    const end = [film.count(), film.title(), film.status()];
+    film.slide(1);
+    nextFrame();
+    const back = [film.count(), film.title()];
+    film.slide(4);
+    nextFrame();
+    tell({ end, back, missing: [film.count(), film.title()] });
+    """
+    told = in_node(tmp_path, FilmCanvas._esm, _FILM + trial)
+    assert told["end"] == ["3 / 5", "frame 2", "no kernel answers: run the cell again"]
+    assert told["back"] == ["2 / 5", "frame 1"]
+    assert told["missing"] == ["5 / 5 …", "frame 1"]
+
+
+def test_the_count_says_when_its_picture_is_not_there_yet(tmp_path: Path) -> None:
+    trial = """
+    const model = new Model({ ...state });
+    const el = page();
+    widget.render({ model, el });
+    const film = shown(el);
+    pictures(model, 0);
+    const counts = [film.count()];
+    film.slide(3);
+    counts.push(film.count());
+    pictures(model, 3);
+    counts.push(film.count());
+    model.change("edition", 2);
+    counts.push(film.count());
+    tell(counts);
+    """
+    told = in_node(tmp_path, FilmCanvas._esm, _FILM + trial)
+    assert told == ["1 / 5", "4 / 5 …", "4 / 5", "4 / 5 …"]

@@ -49,7 +49,9 @@ class FilmCanvas(PointCanvas):
     seek = traitlets.Tuple(traitlets.Int(), traitlets.Int(), default_value=(0, 0)).tag(sync=True)
     """(how often, where to): what the kernel tells the browser; where the browser is comes as a message."""
     place = traitlets.Int(0).tag(sync=True)
-    """Where a view that is made anew begins: the frame, whoever moved it. Views that are there do not listen to it."""
+    """The frame, whoever moved it: where a view that is made anew begins, and where one goes that another one leads."""
+    leader = traitlets.Unicode("").tag(sync=True)
+    """The view whose hand moved the film, "" for the kernel; it alone does not go to `place`, being ahead of it."""
     edition = traitlets.Int(0).tag(sync=True)
     """Counts up when all pictures change: those on their way are then of no use."""
 
@@ -84,16 +86,20 @@ class FilmCanvas(PointCanvas):
 
     @traitlets.observe("frame")
     def _tell_browser(self, _: object) -> None:
-        self.place = self.frame
-        if not self._is_told:
-            self.seek = (self.seek[0] + 1, self.frame)
+        with self.hold_sync():
+            self.place = self.frame
+            if not self._is_told:
+                self.leader = ""
+                self.seek = (self.seek[0] + 1, self.frame)
 
     def _hear(self, widget: Any, content: dict[str, Any], buffers: Any) -> None:
         kind = content.get("kind")
         if kind == "at":
             self._is_told = True
             try:
-                self.frame = int(content["frame"])
+                with self.hold_sync():
+                    self.leader = str(content.get("view", ""))
+                    self.frame = int(content["frame"])
             finally:
                 self._is_told = False
         elif kind == "want" and content.get("edition") == self.edition:

@@ -17,6 +17,8 @@ class Film {
     this.heard = performance.now(); // the last answer or question
     this.patience = PATIENCE_MS;
     this.arrived = () => {};
+    this.isCutOff = false; // nobody answers any more, as after a restart of the kernel
+    this.cutOff = () => {};
     this.hear = (message, buffers) => this.take(message, buffers);
     model.on("msg:custom", this.hear);
   }
@@ -34,7 +36,13 @@ class Film {
   }
 
   send(message) {
-    this.model.send(message);
+    try {
+      this.model.send(message);
+    } catch {
+      this.asked.clear();
+      this.isCutOff = true;
+      this.cutOff();
+    }
   }
 
   get count() {
@@ -62,7 +70,7 @@ class Film {
     if (!wanted.length) return;
     this.asked = new Set(wanted);
     this.heard = now;
-    this.model.send({ kind: "want", frames: wanted, edition: this.model.get("edition") });
+    this.send({ kind: "want", frames: wanted, edition: this.model.get("edition") });
   }
 
   take(message, buffers) {
@@ -72,6 +80,7 @@ class Film {
     this.asked.delete(frame);
     this.heard = performance.now();
     this.patience = PATIENCE_MS;
+    this.isCutOff = false;
     picture.image = buffers[0];
     picture.overlays = message.overlays.map((overlay, i) => ({ ...overlay, data: buffers[i + 1] }));
     picture.url = buffers[0].byteLength ? URL.createObjectURL(new Blob([buffers[0]])) : "";

@@ -1,13 +1,17 @@
 // A PointCanvas that plays a film, with its controls: play, step, repeat, and a slider.
 
 const TELL_MS = 100; // how often the kernel hears where a playing film is
+const NO_KERNEL = "no kernel answers: run the cell again";
 
 class FilmCanvas extends PointCanvas {
   constructor(model, el) {
     super(new Film(model), el);
     this.film = this.model;
     this.timer = 0;
-    this.film.arrived = (frame) => frame === this.film.at && this.showFrame();
+    this.id = Math.random().toString(36).slice(2); // of this view of the film
+    this.leads = false; // whether this view's hand was the last one, as far as it knows
+    this.film.arrived = (frame) => frame === this.film.at && (this.showControls(), this.showFrame());
+    this.film.cutOff = () => this.showText();
     this.film.ask();
   }
 
@@ -34,7 +38,9 @@ class FilmCanvas extends PointCanvas {
     super.listen();
     const film = {
       "change:seek": () => this.goTo(this.model.get("seek")[1], false),
-      "change:edition": () => (this.model.forget(), this.showPicture(), this.model.ask()),
+      "change:place": () => this.follow(),
+      "change:leader": () => this.follow(),
+      "change:edition": () => (this.model.forget(), this.showPicture(), this.showControls(), this.model.ask()),
       "change:count": () => this.showControls(),
       "change:repeat": () => this.showControls(),
     };
@@ -78,6 +84,7 @@ class FilmCanvas extends PointCanvas {
       this.goTo(next);
     } else {
       this.film.ask();
+      if (this.film.isCutOff) return this.pause();
       this.due = now;
     }
     this.timer = setTimeout(() => this.tick(), Math.max(this.due - performance.now(), 4));
@@ -90,28 +97,41 @@ class FilmCanvas extends PointCanvas {
 
   goTo(frame, tells = true) {
     this.film.at = frame;
-    this.film.ask();
     this.showControls();
     if (this.film.kept.has(frame)) this.showFrame();
+    if (tells) this.leads = true;
     if (tells && !this.telling) {
       this.telling = setTimeout(() => {
         this.telling = 0;
         this.tell();
       }, TELL_MS);
     }
+    this.film.ask();
   }
 
   tell() {
-    this.film.send({ kind: "at", frame: this.film.at });
+    this.film.send({ kind: "at", frame: this.film.at, view: this.id });
+  }
+
+  // Go where another view's hand put the film. What this view told itself while it did not know of that hand moved the
+  // other one, and counts here, too.
+  follow() {
+    const leader = this.model.get("leader");
+    if (!leader || (leader === this.id && this.leads)) return;
+    this.leads = false;
+    clearTimeout(this.telling);
+    this.telling = 0;
+    if (this.timer) this.pause();
+    this.goTo(this.model.get("place"), false);
   }
 
   // ---- showing
 
   showControls() {
-    const { at, count } = this.model;
+    const { at, count, kept } = this.model;
     this.slider.max = Math.max(count - 1, 0);
     this.slider.value = at;
-    this.count.textContent = `${at + 1} / ${count}`;
+    this.count.textContent = `${at + 1} / ${count}${kept.has(at) ? "" : " …"}`;
     const name = this.timer ? "pause" : "play";
     if (this.playing.title !== name) rename(this.playing, name);
     this.repeat.setAttribute("aria-pressed", String(this.model.get("repeat")));
@@ -140,6 +160,11 @@ class FilmCanvas extends PointCanvas {
     else this.showView();
     this.viewShown = view;
     this.showText();
+  }
+
+  showText() {
+    super.showText();
+    if (this.model.isCutOff) this.status.textContent = NO_KERNEL;
   }
 
   showImage() {
