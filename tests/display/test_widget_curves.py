@@ -78,3 +78,46 @@ def test_a_plot_that_is_taken_away_still_tells_where_its_cursor_was(tmp_path: Pa
     tell({ before, after: model.saved, cursor: model.get("cursor") });
     """
     assert in_node(tmp_path, CurvePlot._esm, _PLOT + trial) == {"before": 0, "after": 1, "cursor": 1}
+
+
+def test_long_ticks_are_written_with_an_exponent(tmp_path: Path) -> None:
+    trial = """
+    const model = new Model({ ...empty, limits: [], x: bytes(0, 1) });
+    const el = page();
+    widget.render({ model, el });
+    const texts = (name) => el.of(name).map((node) => node.textContent);
+    const rows = [];
+    for (const high of [3.9e6, 2e-7, 5e5, 40]) {
+      model.change("curves", [{ data: bytes(0, high), colour: "red", row: "e", label: "" }]);
+      rows.push(texts("acp-tick"));
+    }
+    model.change("x", bytes(0, 2e6));
+    const wide = texts("acp-tick acp-tick-x");
+    model.change("x", bytes(1234560, 1234568));
+    tell({ rows, wide, ids: texts("acp-tick acp-tick-x") });
+    """
+    told = in_node(tmp_path, CurvePlot._esm, _PLOT + trial)
+    assert told["rows"] == [
+        ["0", "2e6", "4e6"],
+        ["0", "1e-7", "2e-7"],
+        ["0", "200000", "400000"],
+        ["0", "20", "40"],
+    ]
+    assert told["wide"] == ["0", "5e5", "1e6", "1.5e6", "2e6", "image id"]
+    assert told["ids"] == ["1234560", "1234562", "1234564", "1234566", "1234568", "image id"]
+
+
+def test_only_a_hand_that_pressed_the_plot_moves_its_cursor(tmp_path: Path) -> None:
+    trial = """
+    const model = new Model({ ...empty, x: bytes(0, 10, 20) });
+    const el = page();
+    widget.render({ model, el });
+    const plot = el.of("acp-curves")[0];
+    const at = (clientX) => ({ pointerId: 1, buttons: 1, button: 0, clientX });
+    plot.listeners.pointermove(at(600)); // text is selected across it
+    const passing = model.get("cursor");
+    plot.listeners.pointerdown(at(300));
+    plot.listeners.pointermove(at(600));
+    tell([passing, model.get("cursor")]);
+    """
+    assert in_node(tmp_path, CurvePlot._esm, _PLOT + trial) == [0, 2]

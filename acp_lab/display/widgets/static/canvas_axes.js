@@ -34,8 +34,7 @@ class Axes {
     const from = this.value(axis, box[along], along);
     const to = this.value(axis, box[along] + box[2 + along], along);
     const rim = along ? box[0] : box[1] + box[3];
-    const { ticks, digits } = ticksOf(Math.min(from, to), Math.max(from, to));
-    for (const tick of ticks) {
+    for (const { at: tick, text } of ticksOf(Math.min(from, to), Math.max(from, to))) {
       const share = (tick - from) / (to - from);
       if (share < 0.08 || share > 0.92) continue;
       const place = box[along] + share * box[2 + along];
@@ -43,7 +42,7 @@ class Axes {
       const mark = svg("g", { transform: `translate(${x} ${y}) scale(${unit})` }, this.group);
       svg("path", { d: along ? "M0 0h6" : "M0 0v-6" }, mark);
       const at = along ? { x: 9, y: 4, "text-anchor": "start" } : { x: 0, y: -9, "text-anchor": "middle" };
-      svg("text", at, mark).textContent = tick.toFixed(digits);
+      svg("text", at, mark).textContent = text;
     }
     const name = `${axis.label} [${axis.unit}]`;
     const [x, y] = along ? [box[0] + 8 * unit, box[1] + 16 * unit] : [box[0] + box[2] - 8 * unit, rim - 22 * unit];

@@ -2,6 +2,7 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const TICKS = 4;
+const LONGEST = 6; // letters of a tick's text
 const ICONS = {
   "zoom in": "M7 3v8M3 7h8",
   "zoom out": "M3 7h8",
@@ -59,13 +60,20 @@ function pathOf(overlay) {
   return words.join("");
 }
 
-// Round numbers that divide a range into about TICKS parts; none where an end is not finite, as of no values.
+// Round numbers that divide a range into about TICKS parts, as {at, text}; none where an end is not finite, as of no
+// values.
 function ticksOf(low, high) {
-  if (!Number.isFinite(low) || !Number.isFinite(high)) return { ticks: [], digits: 0 };
+  if (!Number.isFinite(low) || !Number.isFinite(high)) return [];
   const rough = (high - low) / TICKS || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough);
   const ticks = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) ticks.push(k * step);
-  return { ticks, digits: Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)) };
+  const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+  const plain = ticks.map((tick) => tick.toFixed(Math.min(digits, 100)));
+  // There is room for LONGEST letters: beyond that, 1000000 is 1e6, if that is shorter.
+  const short = ticks.map((tick) => (tick ? Number(tick.toPrecision(12)).toExponential().replace("e+", "e") : "0"));
+  const longest = (texts) => Math.max(...texts.map((text) => text.length));
+  const texts = longest(plain) > Math.max(LONGEST, longest(short)) ? short : plain;
+  return ticks.map((at, i) => ({ at, text: texts[i] }));
 }

@@ -31,7 +31,7 @@ class CurvePlot {
     };
     for (const [name, action] of Object.entries(this.changes)) model.on(name, action);
     this.svg.addEventListener("pointerdown", (event) => this.press(event));
-    this.svg.addEventListener("pointermove", (event) => event.buttons & 1 && this.seek(event));
+    this.svg.addEventListener("pointermove", (event) => this.svg.hasPointerCapture(event.pointerId) && this.seek(event));
     this.svg.addEventListener("keydown", (event) => this.key(event));
     this.resized = new ResizeObserver(() => this.draw());
     this.resized.observe(this.root);
@@ -66,9 +66,8 @@ class CurvePlot {
     this.readings = [];
     rows.forEach((row, i) => this.drawRow(row, i * (ROW + GAP) + GAP));
     const bottom = rows.length * (ROW + GAP);
-    const { ticks, digits } = ticksOf(this.low, this.high);
-    for (const tick of ticks) {
-      svg("text", { class: "acp-tick acp-tick-x", x: this.px(tick), y: bottom + 13 }, this.svg).textContent = tick.toFixed(digits);
+    for (const { at, text } of ticksOf(this.low, this.high)) {
+      svg("text", { class: "acp-tick acp-tick-x", x: this.px(at), y: bottom + 13 }, this.svg).textContent = text;
     }
     const label = svg("text", { class: "acp-tick acp-tick-x", x: LEFT + (this.width - LEFT - RIGHT) / 2, y: bottom + 27 }, this.svg);
     label.textContent = model.get("x_label");
@@ -92,10 +91,9 @@ class CurvePlot {
     low -= low < 0 ? room : 0;
     high += room;
     const py = (value) => top + ROW - ((Math.min(Math.max(value, low - 1e3 * room), high + 1e3 * room) - low) / (high - low)) * ROW;
-    const { ticks, digits } = ticksOf(low, high);
-    for (const tick of ticks) {
-      svg("line", { class: "acp-grid", x1: LEFT, x2: this.width - RIGHT, y1: py(tick), y2: py(tick) }, this.svg);
-      svg("text", { class: "acp-tick", x: LEFT - 5, y: py(tick) + 4 }, this.svg).textContent = tick.toFixed(digits);
+    for (const { at, text } of ticksOf(low, high)) {
+      svg("line", { class: "acp-grid", x1: LEFT, x2: this.width - RIGHT, y1: py(at), y2: py(at) }, this.svg);
+      svg("text", { class: "acp-tick", x: LEFT - 5, y: py(at) + 4 }, this.svg).textContent = text;
     }
     svg("rect", { class: "acp-frame", x: LEFT, y: top, width: this.width - LEFT - RIGHT, height: ROW }, this.svg);
     const window_ = svg("svg", { x: LEFT, y: top, width: this.width - LEFT - RIGHT, height: ROW }, this.svg);
