@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acp_lab.display.widgets.loss_landscape import BCE, LossLandscape, map_picture
+from acp_lab.display.widgets.loss_landscape import BCE, LossLandscape, map_picture, range_in_words
 from acp_lab.display.widgets.point_canvas import Axis
 from acp_lab.sequences.frame import Frame
 from tests.display.scripted_hand import drag
@@ -77,9 +77,29 @@ def test_pose_and_images(widget: LossLandscape) -> None:
     assert np.abs(widget.start_offsets).max() < np.radians(5.0)
     widget.form.value = BCE
     assert widget.descent is None
-    assert widget.alpha.disabled
+    of_the_descent = (widget.alpha, widget.anneal, widget.solver)
+    assert all(control.disabled for control in of_the_descent)
     widget.form.value = "printed"
-    assert not widget.alpha.disabled
+    assert not any(control.disabled for control in of_the_descent)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [
+        (0.99912, 1.00034, "from 0.99912 (dark) to 1.00034 (bright)"),
+        (0.1234, 12.3456, "from 0.123 (dark) to 12.3 (bright)"),
+        (1234.5, 1236.5, "from 1234.5 (dark) to 1236.5 (bright)"),
+        (-2.0, 2.0, "from -2 (dark) to 2 (bright)"),
+        (1.0, 1.0, "from 1 (dark) to 1 (bright)"),
+    ],
+)
+def test_the_ends_of_a_range_can_be_told_apart(low: float, high: float, told: str) -> None:
+    assert range_in_words(low, high) == told
+
+
+def test_the_map_says_what_its_colours_leave_out(widget: LossLandscape) -> None:
+    assert widget.map.status.startswith("from ")
+    assert "2% are cut off at each end" in widget.map.status
 
 
 def test_a_map_with_a_pole_still_shows_the_rest() -> None:

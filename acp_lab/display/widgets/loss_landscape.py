@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
@@ -94,7 +95,8 @@ class LossLandscape(Still, ipywidgets.VBox):
         self.reach = ipywidgets.FloatSlider(1.0, min=0.25, max=3.0, step=0.25, description="reach ×", **look)
         self.reach.continuous_update = False
         forms = {"printed (eq. 6)" if form == "printed" else form: form for form in LOSS_FORMS}
-        self.form = ipywidgets.Dropdown(options={**forms, BCE: BCE}, value="geman-mcclure", description="form", **look)
+        named = {"description": "form", "style": style, "layout": ipywidgets.Layout(width="320px")}
+        self.form = ipywidgets.Dropdown(options={**forms, BCE: BCE}, value="geman-mcclure", **named)
         alpha = round(self.surface.alpha_px, 1)
         self.alpha = ipywidgets.FloatSlider(alpha, min=1.0, max=40.0, step=0.5, description="α [px]", **look)
         self.anneal = ipywidgets.Checkbox(False, description="anneal: α, α/2, α/4", indent=False)
@@ -157,10 +159,11 @@ class LossLandscape(Still, ipywidgets.VBox):
             self._values = self._images_loss
         else:
             self._values = self._slice.values(self.form.value, self.alpha.value)
-        self.alpha.disabled = self.form.value == BCE
+        for control in (self.alpha, self.anneal, self.solver):  # of the descent, which this form has not
+            control.disabled = self.form.value == BCE
         picture, low, high = map_picture(self._values)
         self.map.show(picture)
-        self.map.status = f"from {low:.3g} (dark) to {high:.3g} (bright)"
+        self.map.status = f"{range_in_words(low, high)}; 2% are cut off at each end"
         self._go()
 
     def _go(self) -> None:
@@ -235,6 +238,15 @@ def map_picture(values: FloatArray) -> tuple[ByteImage, float, float]:
     banded = np.clip(np.floor(fine * BANDS) / (BANDS - 1), 0.0, 1.0)
     coloured = cv2.applyColorMap(np.round(255.0 * banded).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     return cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False), low, high
+
+
+def range_in_words(low: float, high: float) -> str:
+    """Both ends of a map's colours, with so many digits that a hundredth of what is between them shows."""
+    digits = 3
+    if 0.0 < high - low < np.inf:
+        digits += math.floor(math.log10(max(abs(low), abs(high)))) - math.floor(math.log10(high - low))
+    digits = min(max(digits, 3), 12)
+    return f"from {low:.{digits}g} (dark) to {high:.{digits}g} (bright)"
 
 
 def _on_grid(place_px: ArrayLike, count: int) -> FloatArray:
