@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 import traitlets
 
 from acp_lab.control_points.view_regions import REGION_NAMES
+from acp_lab.display.widgets import pose_aligner
 from acp_lab.display.widgets.controls import close_with_parts
+from acp_lab.display.widgets.find_panel import LOOKING
 from acp_lab.display.widgets.pose_aligner import CLICK, DRAG, PoseAligner
 from acp_lab.errors import InputFileError
 from acp_lab.evaluation import add_mm
@@ -302,6 +305,98 @@ def test_what_reset_took_away_undo_brings_back_with_its_corners(aligner: PoseAli
     np.testing.assert_allclose(aligner.cam_T_obj, pose, atol=1e-6)
 
 
+def test_a_drag_that_began_before_an_undo_was_heard_of_takes_it_back(aligner: PoseAligner) -> None:
+    """The kernel is busy, undo is pressed, then a point dragged: the page still has five."""
+    click_corners(aligner, 5)
+    corners, points = list(aligner.pairs._corners), aligner.picture.points
+    moved = points + np.eye(5)[:, 3:4] * (2.0, 1.0)
+    aligner.picture._handle_custom_msg({"kind": "undo"}, [])
+    assert aligner.pairs.count == 4
+    for dragging in (True, False):
+        aligner.picture.set_state({"points": moved.tolist(), "dragging": dragging})
+    assert aligner.pairs._corners == corners
+    assert aligner.pairs.count == len(aligner.picture.points) == len(aligner.picture.labels) == 5
+    assert aligner.message.value.startswith("5 corners")
+    aligner.picture.undo()
+    assert aligner.pairs.count == len(aligner.picture.points) == 4
+    # Points of pairs that were cleared meanwhile are nobody's.
+    aligner.pairs.clear()
+    aligner.picture.set_state({"points": moved.tolist(), "dragging": True})
+    aligner.picture.set_state({"dragging": False})
+    assert aligner.pairs.count == len(aligner.picture.points) == 0
+
+
+def test_corners_that_give_no_pose_have_no_residuals(aligner: PoseAligner) -> None:
+    click_corners(aligner, 4)
+    assert len(aligner.picture.labels) == 4
+    aligner.picture.points = np.full((4, 2), 100.0)
+    assert aligner.picture.labels == ()
+    assert "choose others" in aligner.message.value
+
+
+def test_the_picture_says_that_the_model_comes_first(aligner: PoseAligner) -> None:
+    assert "choose a corner on the model first" in aligner.picture.status
+    aligner.pairs.choose(0)
+    assert "now click" in aligner.picture.status
+    click_corners(aligner, 3)
+    assert "choose a corner on the model first" in aligner.picture.status
+    aligner.pairs.clear()
+    click_corners(aligner, 4)
+    assert aligner.picture.status == ""
+
+
+def test_the_part_stops_before_the_camera(aligner: PoseAligner) -> None:
+    radius, centre_obj = sample_model().part.radius, sample_model().part.box_centre
+    for _ in range(60):
+        aligner.turn((0.0, 0.0, 0.0), 0.9)
+    near = transform(aligner.cam_T_obj, centre_obj)[2]
+    assert radius < near < 1.2 * radius
+    assert "no nearer" in aligner.message.value
+    aligner.turn((0.0, 0.0, 0.0), 1.1)
+    assert transform(aligner.cam_T_obj, centre_obj)[2] > near
+    assert aligner.message.value == ""
+
+
+def test_snapping_again_where_nothing_moved_changes_nothing(
+    aligner: PoseAligner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    aligner.cam_T_obj = sample_scene().first_pose
+    found = aligner.snap()
+    assert found is not None
+    assert found.is_good
+    pose, told, before = aligner.cam_T_obj, aligner.message.value, aligner.pose_before
+    calls: list[object] = []
+
+    def counted(*arguments: object) -> SnapResult:
+        calls.append(arguments)
+        return found
+
+    monkeypatch.setattr(pose_aligner, "snap", counted)
+    assert aligner.snap() is found
+    assert not calls
+    assert aligner.cam_T_obj is pose
+    assert aligner.pose_before is before
+    assert aligner.message.value == told
+    # Points that show another pose, or none, have moved.
+    aligner.editor.points = aligner.editor.points[[0, 2, 1, 3]]
+    aligner.snap()
+    assert calls
+    assert aligner.editor.is_good
+
+
+def test_a_snap_that_is_interrupted_says_so(aligner: PoseAligner, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> SnapResult:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pose_aligner, "snap", interrupted)
+    pose = aligner.cam_T_obj
+    with pytest.raises(KeyboardInterrupt):
+        aligner.snap()
+    assert "interrupted" in aligner.message.value
+    assert not aligner._snap_button.disabled
+    assert aligner.cam_T_obj is pose
+
+
 def test_undo_after_a_turn_to_another_face_stays_with_its_points(aligner: PoseAligner) -> None:
     """Points of the face that was seen before are other points: a pose from them is thrown about."""
     aligner.cam_T_obj = sample_scene().first_pose
@@ -393,6 +488,44 @@ def test_find_it_for_me_shows_hypotheses_and_takes_the_one_that_is_clicked(align
     aligner.finder.nearest_mm.value = 70_000.0
     assert aligner.finder.find() == ()
     assert "0 &lt; nearest" in aligner.message.value
+
+
+def test_one_search_at_a_time_and_its_words_stay(aligner: PoseAligner, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, goes_on, calls = threading.Event(), threading.Event(), []
+
+    def slow(*_: object) -> tuple[Detection, ...]:
+        calls.append(threading.current_thread())
+        begun.set()
+        assert goes_on.wait(60.0)
+        return ()
+
+    monkeypatch.setattr(Finder, "find", slow)
+    button = aligner.finder._button
+    button.click()
+    assert button.disabled, "before the thread has begun"
+    button.click()
+    assert begun.wait(60.0)
+    assert aligner.finder.find() == ()
+    aligner.turn((0.0, 0.0, 10.0))
+    assert aligner.message.value == LOOKING
+    goes_on.set()
+    calls[0].join(60.0)
+    assert len(calls) == 1
+    assert not button.disabled
+    assert "nothing here" in aligner.message.value
+    aligner.turn((0.0, 0.0, 10.0))
+    assert aligner.message.value == ""
+
+
+def test_a_search_that_is_interrupted_says_so(aligner: PoseAligner, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> tuple[Detection, ...]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Finder, "find", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        aligner.finder.find()
+    assert "interrupted" in aligner.message.value
+    assert not aligner.finder.is_searching
 
 
 def test_hypotheses_that_are_replaced_are_closed(aligner: PoseAligner) -> None:

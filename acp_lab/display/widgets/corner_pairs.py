@@ -8,6 +8,7 @@ from acp_lab.display.look import GENERATED
 from acp_lab.display.widgets.cad_view import CadView
 from acp_lab.display.widgets.overlay import Overlay
 from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.errors import GeometryError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.point_pnp import LEAST_POINTS, PointPnP, solve_point_pnp
@@ -53,7 +54,6 @@ class CornerPairs:
         else:
             self._corners.append(corner)
             points = np.vstack([points, pixel])
-        self._corners_at[points.tobytes()] = tuple(self._corners)
         self.picture.points = points
         self.show()
 
@@ -68,7 +68,11 @@ class CornerPairs:
 
         Raises GeometryError for fewer than four pairs and for pairs that give no pose.
         """
-        found = solve_point_pnp(self.view.corners_obj[self._corners], self.picture.points, camera)
+        try:
+            found = solve_point_pnp(self.view.corners_obj[self._corners], self.picture.points, camera)
+        except GeometryError:
+            self.picture.labels = ()  # they were those of another pose
+            raise
         self.picture.labels = tuple(f"{n}: {px:.1f} px" for n, px in enumerate(found.reprojection_px, start=1))
         return found
 
@@ -87,7 +91,8 @@ class CornerPairs:
         if waiting is not None:
             view.status, self.picture.status = "", "now click where the marked corner is in the picture"
         elif missing:
-            view.status, self.picture.status = f"click a corner (drag to turn the model), {missing} more needed", ""
+            view.status = f"click a corner (drag to turn the model), {missing} more needed"
+            self.picture.status = "choose a corner on the model first, then click where it is here"
         else:
             view.status, self.picture.status = "more corners make the pose surer", ""
 
@@ -99,9 +104,22 @@ class CornerPairs:
     def _follow_undo(self) -> None:
         """Undo and reset in the picture take points away, and undo brings them back; their corners go with them."""
         points = self.picture.points
-        key, count = points.tobytes(), len(points)
-        if count == len(self._corners):
-            self._corners_at[key] = tuple(self._corners)  # moved by hand
-        else:
-            self._corners = list(self._corners_at.get(key, self._corners[:count]))
+        if len(points) != len(self._corners):
+            known = self._corners_at.get(points.tobytes())
+            self._corners = list(self._last_corners(len(points)) if known is None else known)
+            if len(points) > len(self._corners):  # of pairs that are forgotten
+                self.picture.points = points[: len(self._corners)]
+                return
             self.show()
+        self._corners_at.pop(points.tobytes(), None)  # behind all others: the last ones known
+        self._corners_at[points.tobytes()] = tuple(self._corners)
+
+    def _last_corners(self, count: int) -> tuple[int, ...]:
+        """The corners of so many points that were never seen; those there are where there never were so many.
+
+        More points than before come from a drag that began before the page heard of an undo: it takes that back.
+        """
+        if count < len(self._corners):
+            return tuple(self._corners[:count])
+        as_many = (corners for corners in reversed(self._corners_at.values()) if len(corners) == count)
+        return next(as_many, tuple(self._corners))

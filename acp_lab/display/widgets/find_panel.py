@@ -22,6 +22,7 @@ from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.find import Detection, Finder
 
+LOOKING = "looking for the part: some seconds, more at the first time …"
 HYPOTHESES = 5
 THUMB_SAMPLES = 700
 UNLIKELY = 0.1
@@ -34,6 +35,7 @@ class FindPanel(ipywidgets.Box):
     """A picture per hypothesis, the best first: the image around it, its edges, its score; a click takes it.
 
     controls: the button and the two distances, to be put elsewhere on the page. detections: of the last search.
+    is_searching: whether one runs.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class FindPanel(ipywidgets.Box):
         self._generator = model.best_generator()
         self._finder: Finder | None = None
         self.detections: tuple[Detection, ...] = ()
+        self.is_searching = False
         self._pictures: list[ipywidgets.VBox] = []
         self._button = button("find it for me", "search the image for the part", self._find_aside)
         near, far = map(round, usual_depths_mm(model.part.diameter, frame.camera))
@@ -56,9 +59,22 @@ class FindPanel(ipywidgets.Box):
         super().__init__(layout=ipywidgets.Layout(display="flex", flex_flow="row wrap", grid_gap="4px 10px"))
 
     def find(self, top: int = HYPOTHESES) -> tuple[Detection, ...]:
-        """Search the whole frame, some seconds; () with a message when nothing resembles the part."""
-        self._button.disabled = True
-        self._tell("looking for the part: some seconds, more at the first time …", "", "")
+        """Search the whole frame, some seconds; () with a message when nothing resembles the part.
+
+        While another search runs, what the one before it found.
+        """
+        return self._search(top) if self._begin() else self.detections
+
+    def _begin(self) -> bool:
+        """Say that a search runs; False, and nothing, when one does already."""
+        if self.is_searching:
+            return False
+        self.is_searching = self._button.disabled = True
+        self._tell(LOOKING, "", "")
+        return True
+
+    def _search(self, top: int = HYPOTHESES) -> tuple[Detection, ...]:
+        told = ("the search was interrupted", "", "")
         try:
             config = DetectionConfig((self.nearest_mm.value, self.farthest_mm.value))
             if self._finder is None or self._finder.detector.config != config:
@@ -66,11 +82,12 @@ class FindPanel(ipywidgets.Box):
             self.detections = self._finder.find(self._frame, top)
         except AcpLabError as error:
             self.detections = ()
-            self._tell(str(error), "", "")
+            told = (str(error), "", "")
         else:
-            self._tell(*_told_of(self.detections))
+            told = _told_of(self.detections)
         finally:
-            self._button.disabled = False
+            self.is_searching = self._button.disabled = False
+            self._tell(*told)
         if self.comm is None:  # closed meanwhile: nobody would close the pictures
             return self.detections
         before = self._pictures
@@ -81,7 +98,8 @@ class FindPanel(ipywidgets.Box):
 
     def _find_aside(self) -> None:
         """Search in a thread, so that the page can be used meanwhile."""
-        threading.Thread(target=self.find, name="find it for me", daemon=True).start()
+        if self._begin():  # here, not in the thread: a second click finds it begun
+            threading.Thread(target=self._search, name="find it for me", daemon=True).start()
 
     def _picture(self, number: int, detection: Detection) -> ipywidgets.VBox:
         edges = self._edges_at(detection.cam_T_obj)

@@ -32,7 +32,7 @@ from acp_lab.display.widgets.controls import (
     typed_path,
 )
 from acp_lab.display.widgets.corner_pairs import CornerPairs
-from acp_lab.display.widgets.find_panel import FindPanel
+from acp_lab.display.widgets.find_panel import LOOKING, FindPanel
 from acp_lab.display.widgets.first_guess import pose_in_the_middle, rotation_seeing
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, edge_strokes, residual_strokes
 from acp_lab.display.widgets.point_canvas import PointCanvas
@@ -122,8 +122,11 @@ class PoseAligner(Still, ipywidgets.VBox):
     def snap(self) -> SnapResult | None:
         """Let the optimiser find the part near the present pose; None, with a message, when it is not seen.
 
-        Where four points leave two poses and the nearer one fits nothing, the other one is tried, too.
+        Where four points leave two poses and the nearer one fits nothing, the other one is tried, too. Where nothing
+        moved since the part was found, that result stays.
         """
+        if self.snapped is not None and self.snapped.is_good and self.editor.is_good:
+            return self.snapped
         self._snap_button.disabled = True
         self._tell("searching …")
         try:
@@ -135,6 +138,9 @@ class PoseAligner(Still, ipywidgets.VBox):
         except AcpLabError as error:
             self._tell(str(error))
             return None
+        except KeyboardInterrupt:
+            self._tell("snap was interrupted: the pose is as it was")
+            raise
         finally:
             self._snap_button.disabled = False
         before = self.pose_before = self.cam_T_obj
@@ -173,9 +179,16 @@ class PoseAligner(Still, ipywidgets.VBox):
         return self._saved is self.cam_T_obj
 
     def turn(self, turn_deg: Turn, depth_factor: float = 1.0) -> None:
-        """Turn the part about its centre (deg, camera axes) and move it away; the control points may change."""
+        """Turn the part about its centre (deg, camera axes) and move it away; the control points may change.
+
+        Nothing, with a message, where it would come so near that some of it might be behind the camera.
+        """
         centre_obj = self.model.part.box_centre
-        shift = (depth_factor - 1.0) * centre_position(self.cam_T_obj, centre_obj)
+        centre = centre_position(self.cam_T_obj, centre_obj)
+        if depth_factor < 1.0 and depth_factor * centre[2] <= self.model.part.radius:
+            self._tell("no nearer: the part would reach the camera")
+            return
+        shift = (depth_factor - 1.0) * centre
         self.cam_T_obj = move_pose(self.cam_T_obj, centre_obj, np.concatenate([np.radians(turn_deg), shift]))
 
     def see_from(self, region: int) -> None:
@@ -256,7 +269,7 @@ class PoseAligner(Still, ipywidgets.VBox):
         return pose
 
     def _pose_changed(self, _: object) -> None:
-        self._tell("")  # what was said was said of another pose
+        self._tell(LOOKING if self.finder.is_searching else "")  # what else was said was said of another pose
         if self.snapped is not None and not np.array_equal(self.snapped.cam_T_obj, self.cam_T_obj):
             self.snapped = None
         if not self._is_linking:
