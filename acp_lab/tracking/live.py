@@ -59,6 +59,11 @@ class LiveLoop:
         self._lock = threading.RLock()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
 
+    @property
+    def end_in_words(self) -> str:
+        """What there is to say once no more frames come."""
+        return f"ended; {len(self.rows)} frames were tracked: run the cell again to begin anew"
+
     def begin(self) -> None:
         """Open the sequence and read it, in a thread; once only."""
         self._thread.start()
@@ -126,6 +131,8 @@ class LiveLoop:
                 if self._is_over:
                     break
                 self._show(frame, self._result(frame))
+            else:
+                self._tell(self.end_in_words)
         except AcpLabError as error:
             self._tell(str(error))
         except Exception as error:

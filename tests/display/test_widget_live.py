@@ -137,3 +137,10 @@ def test_a_film_in_a_file_is_shown_in_its_own_time(tmp_path: Path) -> None:
     assert time.monotonic() - begin > 0.3
     assert len(window.loop.rows) == 12
     assert window.loop.rows[-1].score > 0.3
+    told = "ended; 12 frames were tracked: run the cell again to begin anew"
+    assert window.message.value == told
+    for ask in (window.find, window.align):
+        window.message.value = ""
+        ask()
+        assert window.message.value == told
+    assert window.aligner is None

@@ -87,16 +87,19 @@ class LiveWindow(Still, ipywidgets.VBox):
 
     def find(self) -> None:
         """Search for the part from the next frame on, until it is found, and follow it."""
+        if self.loop.doing == "ended":
+            self._tell(self.loop.end_in_words)
+            return
         self._leave_aligner()
         self.loop.look()
 
     def align(self) -> None:
         """Stop at this frame and show a `PoseAligner` on it; `follow_aligned` goes on."""
-        if self.aligner is not None or self.loop.doing == "ended":
+        if self.aligner is not None:
             return
         frame = self.loop.hold()
         if frame is None:
-            self._tell("no frame comes: try again")
+            self._tell(self.loop.end_in_words if self.loop.doing == "ended" else "no frame comes: try again")
             return
         self.aligner = PoseAligner(self.model, frame)
         go = button("follow it from here", "the pose is good: go on", self.follow_aligned, "primary")
