@@ -232,3 +232,21 @@ def test_the_count_says_when_its_picture_is_not_there_yet(tmp_path: Path) -> Non
     """
     told = in_node(tmp_path, FilmCanvas._esm, _FILM + trial)
     assert told == ["1 / 5", "4 / 5 …", "4 / 5", "4 / 5 …"]
+
+
+def test_pictures_of_a_new_edition_are_asked_for_once(tmp_path: Path) -> None:
+    """The kernel tells of edition and seek in one message, the page hears of them one after the other."""
+    trial = """
+    const heard = [["seek", "edition"], ["edition", "seek"]].map((order) => {
+      const model = new Model({ ...state, count: 12 });
+      widget.render({ model, el: page() });
+      for (let frame = 0; frame < 12; frame++) pictures(model, frame);
+      model.sent.length = 0;
+      model.set("count", 20), model.set("seek", [2, 0]), model.set("edition", 2);
+      for (const name of order) model.actions[`change:${name}`].forEach((action) => action());
+      return model.sent.filter(({ kind }) => kind === "want").flatMap(({ frames }) => frames);
+    });
+    tell(heard);
+    """
+    first = list(range(8))
+    assert in_node(tmp_path, FilmCanvas._esm, _FILM + trial) == [first, first]

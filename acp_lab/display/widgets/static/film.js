@@ -11,6 +11,7 @@ class Film {
   constructor(model) {
     this.model = model;
     this.at = model.get("place");
+    this.edition = model.get("edition"); // of the pictures that are kept
     this.shown = null; // a picture; null for the one that came with the widget
     this.kept = new Map();
     this.asked = new Set();
@@ -57,6 +58,7 @@ class Film {
 
   // Ask for this frame and those that follow, as far as they are not here.
   ask() {
+    if (this.edition !== this.model.get("edition")) return; // the old ones are forgotten first
     const now = performance.now();
     if (this.asked.size) {
       if (now - this.heard < this.patience) return;
@@ -103,6 +105,7 @@ class Film {
 
   forget() {
     this.shown = null;
+    this.edition = this.model.get("edition");
     for (const frame of [...this.kept.keys()]) this.drop(frame);
     this.asked.clear();
   }
