@@ -21,8 +21,11 @@ images = {
     "grey": np.tile(np.arange(100, dtype=np.uint8), (80, 1)),
     "large": np.full((1024, 1224, 3), 130, np.uint8),
     "tall": np.full((900, 70, 3), 200, np.uint8),
+    "wide": np.full((60, 4000), 120, np.uint8),
 }
-editors = {name: ControlPointEditor(image, quad, title=name, height_px=330) for name, image in images.items()}
+from acp_lab.display.widgets import Overlay
+label = Overlay("line", quad, (1.0, 0.5, 0.0), "a_label_without_any_space_" * 9)
+editors = {name: ControlPointEditor(image, quad, [label], title=name, height_px=330) for name, image in images.items()}
 import ipywidgets
 ipywidgets.GridBox(list(editors.values()), layout=ipywidgets.Layout(grid_template_columns="1fr 1fr"))
 """
@@ -56,7 +59,18 @@ def test_editor_on_any_image(lab: Lab) -> None:
         lab.until(f"np.abs(editors['{name}'].settled[0] - {target}).max() < 1.5", f"editors['{name}'].settled")
         np.testing.assert_allclose(lab.value(f"editors['{name}'].points[1:]"), [[52, 28], [50, 70], [18, 74]])
         assert not lab.value(f"editors['{name}'].dragging")
+    wide = panel.locator(".acp-canvas").nth(4)
+    wide.locator(".acp-title", has_text="wide").wait_for()
+    size = wide.locator(".acp-stage").bounding_box()
+    assert size is not None
+    assert size["height"] > 79.0
+    # The drawing fills the stage, and the label that has no space goes on in the next line.
+    drawing = wide.locator(".acp-svg").bounding_box()
+    assert drawing is not None
+    assert abs(drawing["height"] - size["height"]) < 3.0
+    assert wide.evaluate("(canvas) => canvas.scrollWidth - canvas.clientWidth") <= 1
     lab.shot("editor_images")
+    lab.shot("editor_wide", wide)
 
 
 def test_editor_by_keyboard_touch_wheel_and_buttons(lab: Lab) -> None:
@@ -313,6 +327,13 @@ film"""
     panel.locator(".acp-canvas .acp-title", has_text="number 39").wait_for()
     panel.locator(".acp-film .acp-slider").fill("3")
     panel.locator(".acp-canvas .acp-status", has_text="a fault").wait_for()
+
+    # After a restart of the kernel the page's messages go nowhere; what is there can still be looked at.
+    lab.page.evaluate("() => window.jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart()")
+    panel.locator(".acp-film .acp-slider").fill("20")
+    panel.locator(".acp-canvas .acp-title", has_text="number 20").wait_for()
+    panel.locator(".acp-canvas .acp-status", has_text="no kernel answers: run the cell again").wait_for()
+    lab.shot("film_without_kernel")
 
 
 def test_landscape_starts_the_optimiser_where_the_hand_lets_go(lab: Lab) -> None:
