@@ -13,7 +13,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,8 +22,11 @@ import numpy as np
 import trimesh
 
 from acp_lab.errors import InputFileError
+from data_recipes.command import warn
 
 JPEG_QUALITY = 91
+TOP_LEVEL = ("models", "test", "CAMERA.json", "POSE.json")
+"""All that recipes write into the folder of a data set."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,29 +39,65 @@ class Model:
     extra: Mapping[str, object] = field(default_factory=dict)
 
 
+def check_out(out: Path, force: bool) -> None:
+    """InputFileError where a data set cannot become `out`: to be asked before anything is made that takes long.
+
+    Without `force` nothing may be there. With it `out` may be an empty folder or an old data set: a real folder, not
+    the working directory, that holds nothing but TOP_LEVEL.
+    """
+    if not os.path.lexists(out):
+        return
+    if not force:
+        raise InputFileError(f"{out} exists; give another --out, or --force to replace it")
+    fix = "--force replaces a data set only: give another --out"
+    if out.is_symlink() or not out.is_dir():
+        raise InputFileError(f"{out}: is {'a link' if out.is_symlink() else 'no folder'}: {fix}")
+    if out.resolve() in (Path.cwd(), *Path.cwd().parents) or os.path.ismount(out):
+        raise InputFileError(f"{out}: is or holds the working directory, or is a disk of its own: {fix}")
+    for path in sorted(out.iterdir()):
+        if path.name not in TOP_LEVEL:
+            raise InputFileError(f"{path.parent}: holds {path.name}, which no recipe writes: {fix}")
+
+
 @contextmanager
 def new_dataset(out: Path, force: bool) -> Iterator[Path]:
     """A temporary folder that becomes `out` at the end, and vanishes when anything fails.
 
-    Raises InputFileError when `out` exists and `force` is not given. With `force` the old one is replaced only when
-    the new one is complete.
+    With `force` the old one is replaced only when the new one is complete. Raises InputFileError as `check_out`.
     """
-    if out.exists() and not force:
-        raise InputFileError(f"{out} exists; give another --out, or --force to replace it")
+    check_out(out, force)
     out.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
     work.chmod(0o755)
+    # Not hidden: should the program be killed in between, it is found.
+    old = out.with_name(f"{work.name.removeprefix('.')}.old")
     try:
         yield work
-        if out.exists():
-            old = work.with_name(work.name + ".old")
+        if force and out.exists():
             os.replace(out, old)
+        try:
             os.replace(work, out)
-            shutil.rmtree(old)
-        else:
-            os.replace(work, out)
+        except BaseException:
+            if old.exists():
+                os.replace(old, out)
+            raise
+        _remove_old(old)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _remove_old(old: Path) -> None:
+    """Remove an old data set, if there is one. What came into it meanwhile stays; what cannot be removed is told."""
+    for name in TOP_LEVEL:
+        if (old / name).is_dir() and not (old / name).is_symlink():
+            shutil.rmtree(old / name, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                (old / name).unlink()
+    with suppress(OSError):
+        old.rmdir()
+    if old.exists():
+        warn(f"{old}: what is left of the old data set cannot be removed: remove it yourself")
 
 
 def write_models(root: Path, models: Mapping[int, Model]) -> None:

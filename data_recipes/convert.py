@@ -23,7 +23,7 @@ from acp_lab.pasted import quoted
 from acp_lab.sequences import pixel_coding
 from acp_lab.sequences.image_file import image_damage
 from data_recipes.archives import Source, open_sources
-from data_recipes.bop_writer import Model, new_dataset, write_json, write_models, write_scene
+from data_recipes.bop_writer import Model, check_out, new_dataset, write_json, write_models, write_scene
 from data_recipes.command import Parser, count, ids, note, positive
 from data_recipes.tracks import Track, box_corners, longer_than, motion, ordered
 
@@ -80,6 +80,7 @@ def convert(args: argparse.Namespace, find: Callable[[Source, argparse.Namespace
     out: Path | None = args.out
     if out is not None:
         check_apart(args.sources, out)
+        check_out(out, args.force)
         out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".unpacked.", dir=None if out is None else out.parent) as work:
         found = find(open_sources(args.sources, Path(work)), args)

@@ -135,10 +135,12 @@ def build_parser() -> Parser:
 def make(args: argparse.Namespace) -> None:
     """Render what the options describe."""
     # Imported late: they need the `recipes` extra, the options do not.
+    from data_recipes.bop_writer import check_out
     from data_recipes.contact_sheet import contact_sheet, save_picture
     from data_recipes.metal.dataset import render_dataset
 
     out: Path = args.out or SAMPLE_FOLDER
+    check_out(out, args.force)
     plans = [SAMPLE] if args.sample else make_plans(args)
     suffix = ".jpg" if args.sample else f".{args.image_format}"
     spp = args.spp if args.path_traced else None

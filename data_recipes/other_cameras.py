@@ -21,7 +21,7 @@ import numpy as np
 from acp_lab.errors import SequenceError
 from acp_lab.sequences import BopDataset, BopScene, Frame
 from acp_lab.studies.other_cameras import CAMERAS, OtherCamera
-from data_recipes.bop_writer import new_dataset, write_image, write_json
+from data_recipes.bop_writer import check_out, new_dataset, write_image, write_json
 from data_recipes.command import Parser, note, run, whole
 from data_recipes.convert import check_apart
 
@@ -69,8 +69,10 @@ def make(args: argparse.Namespace) -> None:
     """Write a data set for each camera."""
     dataset = BopDataset(args.dataset)
     check_apart([args.dataset], args.out)
-    for name in args.cameras:
-        out = args.out / name / dataset.name
+    places = {name: args.out / name / dataset.name for name in args.cameras}
+    for out in places.values():
+        check_out(out, args.force)
+    for name, out in places.items():
         write_as_taken_by(dataset, CAMERAS[name], out, args.force, args.seed)
         note(f"{out}: written")
 

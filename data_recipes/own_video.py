@@ -43,7 +43,7 @@ from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, first_size
 from acp_lab.sequences.json_file import read_pose, write_json
 from acp_lab.sequences.pixel_coding import BAYER_CODES, PixelCoding
-from data_recipes.bop_writer import new_dataset, write_image, write_models, write_scene
+from data_recipes.bop_writer import check_out, new_dataset, write_image, write_models, write_scene
 from data_recipes.command import Parser, count, note, pair, positive, run, warn
 from data_recipes.convert import camera_of, check_apart
 from data_recipes.meshes import load_mesh, model_of
@@ -57,6 +57,7 @@ def make(args: argparse.Namespace) -> None:
     """Write the data set that the options describe."""
     given = (Path(args.frames), args.mesh, args.views, args.camera, args.pose)
     check_apart([path for path in given if path is not None], args.out)
+    check_out(args.out, args.force)
     mesh = load_mesh(args.mesh, args.unit)
     model = model_of(mesh)
     said = "as told" if args.unit else "by its size; --unit overrules it"

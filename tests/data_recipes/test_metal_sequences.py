@@ -141,8 +141,15 @@ def test_refuses_what_is_there_without_force(tmp_path: Path, capsys: pytest.Capt
     assert run(out, "--parts", "slot_block") == 2
     assert capsys.readouterr().err.startswith(f"error: {out} exists")
     assert (out / "precious.txt").exists()
+    assert run(out, "--parts", "slot_block", "--force") == 2
+    told = f"error: {out}: holds precious.txt, which no recipe writes: --force replaces a data set only"
+    assert capsys.readouterr().err.startswith(told)
+    assert (out / "precious.txt").read_text() == "keep me"
+    (out / "precious.txt").unlink()
+    (out / "models").mkdir()
+    (out / "models" / "old.ply").write_text("")
     assert run(out, "--parts", "slot_block", "--force") == 0
-    assert not (out / "precious.txt").exists()
+    assert not (out / "models" / "old.ply").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
 
 
