@@ -16,17 +16,19 @@ from acp_lab.errors import InputFileError
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _BACKWARDS_OR_POLYGON = re.compile(rb"^f(?:[^\n]*-|(?: +[^ \n]+){4})", re.MULTILINE)
+_NAMES_0 = re.compile(rb"\nf\b[^\n]*[ /][-+]?0+(?![^ /\n])")
 
 
 def plain_obj(data: bytes, where: str) -> bytes:
     """The bytes of an OBJ file, rewritten where trimesh would read them as another part.
 
-    Raises InputFileError, beginning with `where`, for a face that counts back beyond the first vertex or that crosses
-    itself.
+    Raises InputFileError, beginning with `where`, for a face that names vertex 0, that counts back beyond the first
+    vertex or that crosses itself.
     """
     text = data.removeprefix(BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\t", b" ")
     text = re.sub(rb"^ +", b"", text, flags=re.MULTILINE)
     text = re.sub(rb"^([vf][^#\n]*)?#[^\n]*", rb"\1", text, flags=re.MULTILINE).replace(b"\\\n", b" ")
+    _check_counts_from_1(text, where)
     if _BACKWARDS_OR_POLYGON.search(text) is None:
         return text
     lines = text.split(b"\n")
@@ -53,6 +55,15 @@ def plain_obj(data: bytes, where: str) -> bytes:
         triangles = ears(vertices[polygons[place]], where)
         lines[numbers[place]] = b"\n".join(b"f " + b" ".join(corners[i] for i in triangle) for triangle in triangles)
     return b"\n".join(lines)
+
+
+def _check_counts_from_1(text: bytes, where: str) -> None:
+    """trimesh would take 0 for the last one."""
+    found = _NAMES_0.search(b"\n" + text)  # a line's end before each face, not ^: it is searched for much faster
+    if found is not None:
+        vertices = (corner.partition(b"/")[0] for corner in found[0].split()[1:])
+        what = "vertex" if any(not vertex.strip(b"+-0") for vertex in vertices) else "texture point or normal"
+        raise InputFileError(f"{where}: a face names {what} 0, but OBJ counts from 1: export it again")
 
 
 def _from_the_first(corner: bytes, counts: dict[bytes, int], where: str) -> bytes:

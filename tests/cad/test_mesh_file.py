@@ -332,6 +332,35 @@ def test_an_obj_that_counts_back_too_far(tmp_path: Path) -> None:
         Part.from_file(path)
 
 
+@pytest.mark.parametrize(
+    ("face", "what"),
+    [
+        ("f 0 1 2", "vertex"),
+        ("f 2 1 0", "vertex"),
+        ("f 1/1/1 00/1/1 2/1/1", "vertex"),
+        ("f 0/0/0 1/1/1 2/2/2", "vertex"),
+        ("f -1 -0 -2", "vertex"),
+        ("f 1/0/1 2/0/1 3/0/1", "texture point or normal"),
+        ("f 1//1 2//1 3//0", "texture point or normal"),
+    ],
+)
+def test_an_obj_counts_from_1(face: str, what: str, tmp_path: Path) -> None:
+    path = tmp_path / "part.obj"
+    rest = "v 0 0 0\nv 9 0 0\nv 9 9 0\nvt 0 0\nvt 0 0\nvt 0 0\nvn 0 0 1\nvn 0 0 1\n"
+    for text in (f"{rest}f 1 2 3\n{face}\n", f"{rest}  {face} # the last", f"{face}\n{rest}"):
+        path.write_text(text)
+        with pytest.raises(InputFileError, match=rf"part\.obj: a face names {what} 0, but OBJ counts from 1"):
+            read_mesh_file(path)
+
+
+def test_an_obj_has_other_zeros_than_indices(tmp_path: Path) -> None:
+    path = tmp_path / "part.obj"
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in box().faces + 10)
+    vertices = "".join(f"v {x:g} {y:g} {z:g}\n" for x, y, z in box().vertices)
+    path.write_text("v 0 0 0\n" * 9 + f"{vertices}vt 0 0\nvn 0 0 1\n# f 0\no f 0\ns 0\n{faces}")
+    np.testing.assert_allclose(Part.from_file(path).box_size, [40.0, 20.0, 10.0])
+
+
 def _stl(text: str) -> bytes:
     return FILES["ascii.stl"].replace(b"solid", text.encode(), 1)
 
