@@ -1,8 +1,8 @@
 """CAD files of unknown unit, converted to millimetres.
 
-STEP is the only format that states its unit. A part that a camera can track measures between 15 mm and 5 m, which
-leaves little doubt about the rest: a file whose largest distance is 0.12 is in metres, one of 4.7 in inches, one of 95
-in mm. The guess is printed and can be overridden.
+STEP is the only format that states its unit. Numbers that are those of a part in mm, which is between 15 mm and 5 m
+large, are taken for mm, which nearly all files are in: a largest distance of 95. One of 0.12 can only be in metres. One
+of 4.7 may be in centimetres or in inches, and has to be told. The guess is printed and can be overridden.
 """
 
 from __future__ import annotations
@@ -12,14 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from acp_lab.cad.mesh_file import UNITS_MM, read_mesh_file
-from acp_lab.cad.part import Part, largest_distance
+from acp_lab.cad.mesh_file import UNITS_MM, read_mesh_file, says_its_unit
+from acp_lab.cad.part import SMALLEST_DIAMETER, Part, check_size, largest_distance
 from acp_lab.errors import PartError
 from data_recipes.bop_writer import Model
 
 _SMALLEST_MM, _LARGEST_MM = 15.0, 5000.0
-_LARGEST_IN_METRES = 0.6
-"""Above it a number below 15 is taken for inches: 1.2 is rather a part of 30 mm than one of 1.2 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +36,16 @@ class UnitMesh:
 
 
 def guess_unit(size: float, where: str) -> str:
-    """The unit in which a largest distance of `size` is that of a part; PartError when there is none."""
-    if _SMALLEST_MM <= size <= _LARGEST_MM:
-        return "mm"
-    if _SMALLEST_MM / 1000.0 <= size <= _LARGEST_IN_METRES:
-        return "m"
-    if _LARGEST_IN_METRES < size < _SMALLEST_MM:
-        return "inch"
-    raise PartError(f"{where}: its size is {size:.4g}, no part in mm, m or inches: give --unit, or scale the mesh")
+    """The unit in which a largest distance of `size` is that of a part; PartError where none or several are."""
+    usual = [unit for unit, mm in UNITS_MM.items() if _SMALLEST_MM <= mm * size <= _LARGEST_MM]
+    if not usual:
+        units = ", ".join(UNITS_MM)
+        raise PartError(f"{where}: its size is {size:.4g}, no usual part in {units}: give --unit, or scale the mesh")
+    if len(usual) > 1 and "mm" not in usual:
+        possible = {unit: mm * size for unit, mm in UNITS_MM.items() if SMALLEST_DIAMETER <= mm * size <= _LARGEST_MM}
+        sizes = ", ".join(f"{mm:.3g} mm in {unit}" for unit, mm in possible.items())
+        raise PartError(f"{where}: its size is {size:.4g}, which may be {sizes}: say with --unit which it is")
+    return usual[0]
 
 
 def load_mesh(path: Path, unit: str | None = None) -> UnitMesh:
@@ -53,16 +53,19 @@ def load_mesh(path: Path, unit: str | None = None) -> UnitMesh:
 
     Raises InputFileError when the file cannot be read whole, PartError when it holds no part or no unit fits.
     """
-    raw = read_mesh_file(path)
+    raw = read_mesh_file(path, unit or "mm")
     if len(raw.faces) == 0:
         raise PartError(f"{path}: has no faces: export the part as a triangle mesh, not as points or curves")
-    if unit is None and path.suffix.lower() in (".step", ".stp"):
-        unit = "mm"  # the format states its unit, and the reader converts it
-    if unit is None:
-        if not np.isfinite(raw.vertices).all():
-            raise PartError(f"{path}: a vertex is no point: export the mesh again")
-        unit = guess_unit(largest_distance(raw.vertices), str(path))
-    mesh = UnitMesh(path.stem, UNITS_MM[unit] * raw.vertices, raw.faces, unit)
+    vertices = raw.vertices
+    if not np.isfinite(vertices).all():
+        raise PartError(f"{path}: a vertex is no point: export the mesh again")
+    if says_its_unit(path):
+        unit = "mm"  # the reader converts it
+        check_size(largest_distance(vertices), path)
+    elif unit is None:
+        unit = guess_unit(largest_distance(vertices), str(path))
+        vertices = UNITS_MM[unit] * vertices
+    mesh = UnitMesh(path.stem, vertices, raw.faces, unit)
     _ = mesh.part  # says in one line what is wrong with it
     return mesh
 

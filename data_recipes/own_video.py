@@ -8,7 +8,7 @@ FRAMES is a video, a folder of images or the number of a live camera. The camera
 a ChArUco board (a folder or a video), from a CAMERA.json, or from numbers. DATASET then holds
 
     CAMERA.json                        intrinsics and distortion of FRAMES; the reprojection error is printed
-    models/obj_000001.ply              the mesh in mm; its unit is guessed from its size, and printed
+    models/obj_000001.ply              the mesh in mm; its unit, if not told, is guessed from its size, and printed
     test/000001/rgb/000000.png …       the frames, undistorted, with scene_camera.json
     POSE.json, scene_gt.json           the start pose; it is stored as the truth of the first frame alone
 
@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acp_lab.cad.mesh_file import UNITS_MM
+from acp_lab.cad.mesh_file import UNITS_MM, says_its_unit
 from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
@@ -60,7 +60,8 @@ def make(args: argparse.Namespace) -> None:
     check_out(args.out, args.force)
     mesh = load_mesh(args.mesh, args.unit)
     model = model_of(mesh)
-    said = "as told" if args.unit else "by its size; --unit overrules it"
+    guessed = "as the file says" if says_its_unit(args.mesh) else "by its size; --unit overrules it"
+    said = "as told" if args.unit else guessed
     print(f"{args.mesh}: in {mesh.unit} ({said}), diameter {model.diameter:.1f} mm")
     camera = _camera(args)
     pose = None if args.pose is None else read_pose(args.pose)

@@ -29,7 +29,8 @@ from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.input_file import read_bytes
 from acp_lab.quiet import native_output_silenced
 
-SUFFIXES = (".ply", ".obj", ".stl", ".step", ".stp")
+_STEP_SUFFIXES = (".step", ".stp")
+SUFFIXES = (".ply", ".obj", ".stl", *_STEP_SUFFIXES)
 
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
@@ -59,6 +60,11 @@ class MeshFile:
     unit_mm: float = 1.0
 
 
+def says_its_unit(path: Path) -> bool:
+    """Whether a mesh file is a STEP file, by its name: the others hold plain numbers."""
+    return path.suffix.lower() in _STEP_SUFFIXES
+
+
 def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
     """Read a PLY, OBJ, STL or STEP file; several bodies become one mesh. It may have no faces.
 
@@ -68,7 +74,7 @@ def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
     suffix = path.suffix.lower()
     if unit not in UNITS_MM:
         raise PartError(f"{path}: unit '{unit}': choose one of {', '.join(UNITS_MM)}")
-    if unit != "mm" and suffix in (".step", ".stp"):
+    if unit != "mm" and says_its_unit(path):
         raise PartError(f"{path}: a STEP file says its unit itself: leave {unit} away")
     if suffix not in SUFFIXES:
         raise InputFileError(f"{path}: unknown mesh type '{path.suffix}': give one of {', '.join(SUFFIXES)}")
@@ -76,7 +82,7 @@ def read_mesh_file(path: Path, unit: str = "mm") -> MeshFile:
     if not data.strip(_BLANK):
         raise InputFileError(f"{path}: the file is empty: export the mesh again")
     unit_mm = UNITS_MM[unit]
-    if suffix in (".step", ".stp"):
+    if says_its_unit(path):
         unit_mm, (vertices, faces) = _STEP_UNIT_MM, _read_step(data, path)
     else:
         plain = {".ply": _in_ascii, ".obj": _plain_obj, ".stl": _plain_stl}[suffix]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from acp_lab.cad.bodies import is_closed, turned_out, wound_alike
-from acp_lab.cad.mesh_file import read_mesh_file
+from acp_lab.cad.mesh_file import read_mesh_file, says_its_unit
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.cad.stitching import is_flat, stitched
 from acp_lab.errors import InputFileError, PartError, check_kind
@@ -131,7 +131,7 @@ class Part:
         if info is not None:
             check_against_info(diameter, info, path, unit)
             diameter = info.diameter
-        _check_size(diameter, str(path), unit)
+        check_size(diameter, path, unit)
         symmetries = Symmetries.untold() if info is None else info.symmetries
         return cls(path.stem, path, raw.sha256, vertices, faces, diameter, *_box(vertices), symmetries)
 
@@ -146,7 +146,7 @@ class Part:
         where = f"part '{name}'"
         vertices, faces = clean_mesh(vertices, faces, where)
         diameter = largest_distance(vertices)
-        _check_size(diameter, where)
+        check_size(diameter, where)
         sha256 = hashlib.sha256(vertices.tobytes() + faces.tobytes()).hexdigest()
         symmetries = Symmetries.untold() if symmetries is None else symmetries
         return cls(name, None, sha256, vertices, faces, diameter, *_box(vertices), symmetries)
@@ -330,7 +330,16 @@ def _can_end(points: FloatArray, largest: float) -> BoolArray:
     return kept
 
 
-def _check_size(diameter: float, where: str, unit: str = "mm") -> None:
+def check_size(diameter: float, where: str | Path, unit: str = "mm") -> None:
+    """PartError, beginning with `where`, for a diameter, mm, that no part has; unit: that the numbers were read in.
+
+    where: the mesh file's path, or words for what came from none.
+    """
+    if isinstance(where, Path) and says_its_unit(where) and not SMALLEST_DIAMETER <= diameter <= LARGEST_DIAMETER:
+        raise PartError(
+            f"{where}: its diameter would be {diameter:.4g} mm: its unit is wrong in the file: export it again in mm, "
+            "or as PLY or STL and give --unit"
+        )
     if unit != "mm" and not SMALLEST_DIAMETER <= diameter <= LARGEST_DIAMETER:
         raise PartError(
             f"{where}: with --unit {unit} its diameter would be {diameter:.4g} mm: leave --unit out, or check it"

@@ -18,7 +18,7 @@ import numpy as np
 
 from acp_lab.bench.workers import each
 from acp_lab.cad.edges import check_has_edges
-from acp_lab.cad.mesh_file import UNITS_MM
+from acp_lab.cad.mesh_file import UNITS_MM, says_its_unit
 from acp_lab.cad.models_info import Symmetries, read_models_info
 from acp_lab.cad.part import Part
 from acp_lab.cad.symmetry import in_words
@@ -29,8 +29,8 @@ from acp_lab.errors import InputFileError, PreparationError
 from acp_lab.preparation import check_device, check_same_mesh, prepare
 from acp_lab.prepared_part import PrepareOptions, part_folder, read_header
 
-MAYBE_INCHES = 8.0
-"""mm. A part that is smaller may well be in inches: then it is no larger than a hand's span."""
+MAYBE_NOT_MM = 20.0
+"""mm. A part that is smaller is a screw, or larger and in centimetres or inches: then it is as large as most parts."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,11 @@ def prepare_parts(
             check_same_mesh(part, folder)
         check_has_edges(part)
     for part in parts:
-        if unit == "mm" and part.diameter < MAYBE_INCHES:
-            large = UNITS_MM["inch"] * part.diameter
-            size = f"{part.diameter:.1f} mm large"
-            warn(f"{part.path}: {size}: if its numbers are inches, --unit inch makes it {large:.0f} mm")
+        is_told = unit != "mm" or (part.path is not None and says_its_unit(part.path))
+        if part.diameter < MAYBE_NOT_MM and not is_told:
+            in_cm, in_inches = (UNITS_MM[other] * part.diameter for other in ("cm", "inch"))
+            sizes = f"if the file is in cm it is {in_cm:.0f} mm, in inches {in_inches:.0f} mm"
+            warn(f"{part.path}: {part.diameter:.1f} mm large: {sizes}: --unit says it")
         if not part.is_closed:
             warn(f"{part.path}: the mesh is not closed: if the file was cut off, export it again")
     if spread.is_alone(len(parts)):

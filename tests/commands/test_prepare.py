@@ -17,6 +17,7 @@ from acp_lab.generator.painted.config import AutoencoderConfig, NetworkShape
 from acp_lab.generator.painted.edge_images import EdgeImageConfig
 from acp_lab.preparation import prepare as prepare_part
 from acp_lab.prepared_part import PreparedPart, PrepareOptions
+from tests.cad.meshes import step_box
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import edit_json
 from tests.sequences.tiny_dataset import write_box, write_models
@@ -276,8 +277,32 @@ def test_a_part_that_may_be_in_inches_is_told(capsys: pytest.CaptureFixture[str]
     small = scaled_box(tmp_path / "small.stl", 3.0 / 25.4)
     outcome = prepare(capsys, tmp_path / "parts", small)
     assert outcome.status == 0
-    assert re.search(r"small\.stl: 6\.4 mm large: .* --unit inch makes it 162 mm", outcome.err)
+    sizes = "if the file is in cm it is 64 mm, in inches 162 mm"
+    assert outcome.err == f"warning: {small}: 6.4 mm large: {sizes}: --unit says it\n"
     assert "inches" not in prepare(capsys, tmp_path / "parts", small, "--unit", "inch", "--no-resume").err
+
+
+def test_a_part_in_centimetres_is_told_and_a_small_step_file_is_not(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("cascadio", reason="STEP support is an extra: pip install acp_lab[step]")
+    small = scaled_box(tmp_path / "small.stl", 0.36)
+    assert "19.4 mm large: if the file is in cm it is 194 mm" in prepare(capsys, tmp_path / "parts", small).err
+    larger = scaled_box(tmp_path / "larger.stl", 0.38)
+    assert prepare(capsys, tmp_path / "parts", larger).err == ""
+    (tmp_path / "step.step").write_text(step_box((14.0, 10.0, 7.0)))
+    assert prepare(capsys, tmp_path / "parts", tmp_path / "step.step").err == ""
+
+
+@pytest.mark.parametrize("scale", [0.001, 1000.0])
+def test_a_step_file_of_a_wrong_unit_is_to_be_exported_again(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, scale: float
+) -> None:
+    pytest.importorskip("cascadio", reason="STEP support is an extra: pip install acp_lab[step]")
+    path = tmp_path / "part.step"
+    path.write_text(step_box((60.0 * scale, 40.0 * scale, 20.0 * scale)))
+    fix = "its unit is wrong in the file: export it again in mm, or as PLY or STL and give --unit\n"
+    assert_one_error(prepare(capsys, tmp_path / "parts", path), f"error: {path}: its diameter would be ", fix)
 
 
 def test_symmetries_are_found_and_told_who_watches(

@@ -25,12 +25,12 @@ CAMERA = Camera(WIDTH, HEIGHT, 80.0, 80.0, 31.5, 23.5, LENS)
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
-    """A folder of images, a mesh in inches and a start pose."""
+    """A folder of images, a mesh in metres and a start pose."""
     views = tiny_views(4)
     for i, image in enumerate(views.images):
         write_image(tmp_path / "clip" / f"img{i}.png", image)
     box = trimesh.creation.box((60.0, 40.0, 25.0))
-    box.apply_scale(1 / 25.4)
+    box.apply_scale(1 / 1000.0)
     box.export(tmp_path / "box.stl")
     (tmp_path / "POSE.json").write_text(json.dumps(pose_entry(views.poses[0], 1)))
     return tmp_path
@@ -61,7 +61,7 @@ def test_the_next_commands_can_be_pasted(bench: Path, capsys: pytest.CaptureFixt
 def test_a_folder_becomes_a_data_set(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert make(bench, *INTRINSICS, "--pose", str(bench / "POSE.json")) == 0
     said = capsys.readouterr().out
-    assert "in inch (by its size; --unit overrules it), diameter 76.3 mm" in said
+    assert "in m (by its size; --unit overrules it), diameter 76.3 mm" in said
     assert "acp-lab track --video" in said
     dataset = BopDataset(bench / "out")
     scene = dataset.open_scene(1)
