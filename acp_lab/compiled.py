@@ -15,6 +15,9 @@ from typing import Any, TypeVar, cast
 
 import numba
 
+NOT_KEPT = "compiled code cannot be kept, so it is compiled again at every start, which takes a minute or two"
+HOW_TO_KEEP = "set NUMBA_CACHE_DIR to a folder that you can write"
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -38,13 +41,33 @@ def kernel(*signatures: str, fastmath: frozenset[str] = frozenset()) -> Callable
             if any(done.stats.cache_misses.values()):  # type: ignore[attr-defined]
                 _say_what_takes_so_long()
             return done
-        except RuntimeError as error:  # Numba's, where neither the package nor the user's folder can be written
-            if "cannot cache" not in str(error):
+        except RuntimeError as error:
+            if not _says_that_nothing_can_be_kept(error):
                 raise
             _say_that_nothing_is_kept()
             return made(cache=False)
 
     return compiled
+
+
+def can_be_kept() -> bool:
+    """Whether kernels stay on disk for the next start; nothing is compiled to find out."""
+
+    def never_called() -> None:
+        pass
+
+    try:
+        numba.njit(cache=True)(never_called)
+    except RuntimeError as error:
+        if not _says_that_nothing_can_be_kept(error):
+            raise
+        return False
+    return True
+
+
+def _says_that_nothing_can_be_kept(error: RuntimeError) -> bool:
+    """Whether it is the one that Numba raises where neither the package nor the user's folder can be written."""
+    return "cannot cache" in str(error)
 
 
 @lru_cache(maxsize=1)
@@ -56,9 +79,4 @@ def _say_what_takes_so_long() -> None:
 
 @lru_cache(maxsize=1)
 def _say_that_nothing_is_kept() -> None:
-    warnings.warn(
-        "compiled code cannot be kept, so it is compiled again at every start, which takes a minute or two: "
-        "set NUMBA_CACHE_DIR to a folder that you can write",
-        UserWarning,
-        stacklevel=2,
-    )
+    warnings.warn(f"{NOT_KEPT}: {HOW_TO_KEEP}", UserWarning, stacklevel=2)

@@ -169,9 +169,15 @@ def _with_polygons(
 def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
     try:
         import cascadio
-    except ImportError:
+    except ImportError as error:
+        if isinstance(error, ModuleNotFoundError) and error.name == "cascadio":
+            raise PartError(
+                f"{path}: STEP files need one more package: pip install -e '.[step]' in the checkout, "
+                "or export the part as PLY"
+            ) from None
+        reason = " ".join(str(error).split())[:100]
         raise PartError(
-            f"{path}: STEP files need one more package: pip install -e '.[step]' in the checkout, "
+            f"{path}: STEP files need cascadio, which is installed but cannot be imported ({reason}): mend that, "
             "or export the part as PLY"
         ) from None
     # OpenCASCADE takes half a file for a whole one, so its two ends are looked for first.

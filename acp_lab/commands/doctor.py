@@ -7,14 +7,13 @@ needs. Each check is a small function that returns a `Check` and never raises.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import os
 import platform
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import metadata
@@ -65,9 +64,13 @@ class Check:
 def checks() -> Iterator[Check]:
     """All checks, in the order in which a newcomer's machine fails them."""
     yield check_python()
-    yield from check_packages()
+    broken = []
+    for found in check_packages():
+        yield found
+        if found.verdict is Verdict.BROKEN:
+            broken.append(found)
     for check in checks_of_machine():
-        yield _safely(check)
+        yield _safely(check, broken)
 
 
 def checks_of_machine() -> tuple[Callable[[], Check], ...]:
@@ -76,6 +79,7 @@ def checks_of_machine() -> tuple[Callable[[], Check], ...]:
         check_ray_casting,
         check_sample,
         check_writing,
+        check_compiled,
         check_viewer,
         check_opengl,
         check_step,
@@ -193,6 +197,15 @@ def check_writing() -> Check:
     return Check(Verdict.OK, f"{Path.cwd()} can be written, {free:.1f} GB free")
 
 
+def check_compiled() -> Check:
+    """Whether the machine code of a first start is there at the next one."""
+    from acp_lab.compiled import HOW_TO_KEEP, NOT_KEPT, can_be_kept
+
+    if can_be_kept():
+        return Check(Verdict.OK, "compiled code can be kept")
+    return Check(Verdict.ABSENT, NOT_KEPT, HOW_TO_KEEP)
+
+
 def check_viewer() -> Check:
     """The rerun viewer behind `acp-lab replay`."""
     done = _run([sys.executable, "-m", "rerun", "--version"], 30, without_telemetry())
@@ -239,17 +252,33 @@ def check_chromium() -> Check:
 
 
 def _optional(module: str, what: str, fix: str) -> Check:
-    if importlib.util.find_spec(module) is None:
-        return Check(Verdict.ABSENT, module, fix)
+    try:
+        importlib.import_module(module)
+    except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and error.name == module:
+            return Check(Verdict.ABSENT, module, fix)
+        again = f"python -m pip uninstall {module}, then {fix}"
+        return Check(Verdict.ABSENT, f"{module} is installed, but cannot be imported ({_short(error)})", again)
     return Check(Verdict.OK, what)
 
 
-def _safely(check: Callable[[], Check]) -> Check:
+def _safely(check: Callable[[], Check], broken: Sequence[Check] = ()) -> Check:
+    """What a check says; one that fails for a package that is `broken`, as a line above tells, is no second fault."""
     try:
         return check()
     except Exception as error:
+        named = next((one for one in broken if isinstance(error, ImportError) and _is_told(error, one)), None)
+        if named is not None:
+            return Check(Verdict.ABSENT, f"{check.__name__} cannot be tried", f"see {named.what.split()[0]} above")
         fix = "report this, with the whole output of acp-lab doctor"
         return Check(Verdict.BROKEN, f"{check.__name__} ({type(error).__name__}: {_short(error)})", fix)
+
+
+def _is_told(error: ImportError, broken: Check) -> bool:
+    """Whether the line of a broken package names the package that cannot be imported, or gives that very reason."""
+    module = (error.name or "").partition(".")[0]
+    package = next((name for name, its in _MODULES.items() if its == module), module.replace("_", "-"))
+    return broken.what.split()[0] == package or f"({_short(error)})" in broken.what
 
 
 def _run(

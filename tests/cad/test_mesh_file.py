@@ -163,6 +163,22 @@ def test_step_without_its_extra_says_what_to_install(tmp_path: Path, monkeypatch
         read_mesh_file(path)
 
 
+@pytest.mark.parametrize(
+    "content", ["raise ImportError('libGL.so.1: cannot open shared object file')", "import no_such_module_at_all"]
+)
+def test_step_support_that_cannot_be_imported_says_why(
+    content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cascadio.py").write_text(content)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "cascadio", raising=False)
+    path = tmp_path / "box.step"
+    path.write_text(step_box((40.0, 20.0, 10.0)))
+    reason = r"\((libGL\.so\.1: cannot open|No module named 'no_such_module_at_all')"
+    with pytest.raises(PartError, match=f"cascadio, which is installed but cannot be imported {reason}"):
+        read_mesh_file(path)
+
+
 @pytest.mark.parametrize("name", ["ascii.ply", "binary.ply", "ascii.obj", "ascii.stl"])
 def test_latin_1_in_a_comment_does_no_harm(name: str, tmp_path: Path) -> None:
     word = "Größe".encode("latin-1")

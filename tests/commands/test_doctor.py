@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -52,6 +54,63 @@ def test_a_check_that_fails_itself_is_reported() -> None:
     found = doctor._safely(check)
     assert found.verdict is Verdict.BROKEN
     assert "oops" in found.what
+
+
+def _no_module(name: str | None, message: str) -> Callable[[], Check]:
+    def check() -> Check:
+        raise ImportError(message, name=name)
+
+    return check
+
+
+@pytest.mark.parametrize(
+    ("name", "message"), [("cv2", "anything"), ("cv2.gapi", "anything"), (None, "libGL.so.1: no such file")]
+)
+def test_a_package_that_a_line_above_names_is_no_second_fault(
+    name: str | None, message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    what = "opencv-python-headless 4.13 cannot be imported (libGL.so.1: no such file)"
+    monkeypatch.setattr(doctor, "check_packages", _checks(Check(Verdict.BROKEN, what, "install it again")))
+    monkeypatch.setattr(doctor, "checks_of_machine", lambda: (_no_module(name, message),))
+    outcome = run(capsys, "doctor")
+    assert outcome.out.splitlines()[-2:] == [
+        "absent  check cannot be tried: see opencv-python-headless above",
+        "1 broken: fix these first",
+    ]
+
+
+@pytest.mark.parametrize("name", ["numpy", None])
+def test_a_package_that_no_line_names_is_a_fault(name: str | None) -> None:
+    broken = [Check(Verdict.BROKEN, "opencv-python-headless is not installed", "install it")]
+    found = doctor._safely(_no_module(name, "no module"), broken)
+    assert found.verdict is Verdict.BROKEN
+    assert "report this" in found.fix
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("raise ImportError('libGL.so.1: no such file')", "cannot be imported (libGL.so.1: no such file)"),
+        ("import no_such_module_at_all", "cannot be imported (No module named 'no_such_module_at_all')"),
+        ("raise RuntimeError", "cannot be imported (RuntimeError)"),
+    ],
+)
+def test_an_optional_package_that_cannot_be_imported(
+    content: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "rerun_notebook.py").write_text(content)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "rerun_notebook", raising=False)
+    found = doctor.check_notebook_viewer()
+    assert found.verdict is Verdict.ABSENT
+    assert found.what == f"rerun_notebook is installed, but {words}"
+    assert "pip uninstall rerun_notebook, then " in found.fix
+
+
+def test_an_optional_package_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cascadio", None)
+    found = doctor.check_step()
+    assert (found.verdict, found.what) == (Verdict.ABSENT, "cascadio")
 
 
 def test_programs_that_hang_are_left() -> None:
