@@ -13,9 +13,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 from acp_lab.errors import AcpLabError
+
+Number = TypeVar("Number", int, float)
 
 EXTRAS = {"manifold3d": "recipes", "yaml": "recipes", "mitsuba": "path-traced"}
 """Modules that a plain installation lacks, and the extra that brings them."""
@@ -41,6 +43,10 @@ def run(recipe: Callable[[argparse.Namespace], None], parser: Parser, argv: Sequ
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}: check the path, its rights and the disk", file=sys.stderr)
+        return 2
+    except MemoryError as error:
+        told = one_line(str(error)) or "nothing is told of it"
+        print(f"error: out of memory ({told}): ask for smaller or fewer pictures", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
@@ -88,15 +94,15 @@ def one_line(message: str) -> str:
 
 def whole(text: str) -> int:
     """A whole number, 0 or more."""
-    if not (text.isascii() and text.isdigit()):
-        raise argparse.ArgumentTypeError(f"{text!r}; give a whole number, 0 or more")
+    if not _is_whole(text):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r}; give a whole number, 0 or more")
     return int(text)
 
 
 def count(text: str) -> int:
     """A whole number above 0."""
-    if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r}; give a whole number above 0")
+    if not (_is_whole(text) and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r}; give a whole number above 0")
     return int(text)
 
 
@@ -108,6 +114,18 @@ def positive(text: str) -> float:
     return value
 
 
+def at_most(most: Number, read: Callable[[str], Number]) -> Callable[[str], Number]:
+    """The type of an option whose number `read` reads, such as `count`, and beyond `most` refuses."""
+
+    def bounded(text: str) -> Number:
+        value = read(text)
+        if value > most:
+            raise argparse.ArgumentTypeError(f"{text[:40]!r}; give {most} at most")
+        return value
+
+    return bounded
+
+
 def share(text: str) -> float:
     """A number from 0 to 1."""
     value = _number(text)
@@ -117,10 +135,10 @@ def share(text: str) -> float:
 
 
 def pair(text: str) -> tuple[int, int]:
-    """Two whole numbers above 0, as in 9x6."""
+    """Two whole numbers from 1 to 100, as in 9x6."""
     first, _, second = text.partition("x")
-    if not (first.isdigit() and second.isdigit() and int(first) > 0 and int(second) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r}; give two whole numbers, such as 9x6")
+    if not all(_is_whole(word) and 1 <= int(word) <= 100 for word in (first, second)):
+        raise argparse.ArgumentTypeError(f"{text[:40]!r}; give two whole numbers up to 100, such as 9x6")
     return int(first), int(second)
 
 
@@ -152,6 +170,11 @@ def _words(text: str) -> list[str]:
     if not found:
         raise argparse.ArgumentTypeError(f"{text!r}; give one or more, separated by commas")
     return found
+
+
+def _is_whole(text: str) -> bool:
+    """Whether it is a whole number, of no more digits than Python reads."""
+    return text.isascii() and text.isdigit() and len(text) < 1000
 
 
 def _number(text: str) -> float:

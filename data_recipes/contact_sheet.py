@@ -25,7 +25,7 @@ from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import inverse, transform
 from acp_lab.sequences import BopDataset, BopScene, Frame
-from data_recipes.command import Parser, count, ids, run
+from data_recipes.command import Parser, at_most, count, ids, run
 
 EDGE_COLOUR = (255, 140, 0)
 _OFFSET_SHARE = 0.002  # of the diameter: how far off the surface visibility rays start
@@ -93,7 +93,7 @@ def save_picture(path: Path, image: ByteImage) -> None:
 
 
 def _small(image: ByteImage, width: int) -> ByteImage:
-    height = round(image.shape[0] * width / image.shape[1])
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
@@ -110,8 +110,8 @@ def build_parser() -> Parser:
     parser.add_argument("dataset", type=Path, metavar="DATASET", help="a data set in the BOP layout")
     parser.add_argument("--out", type=Path, required=True, metavar="PNG", help="picture to write, .png or .jpg")
     parser.add_argument("--edges", action="store_true", help="also with the CAD model's edges drawn at the true pose")
-    parser.add_argument("--columns", type=count, default=3, help="frames per scene (3)")
-    parser.add_argument("--width", type=count, default=240, help="px per picture (240)")
+    parser.add_argument("--columns", type=at_most(50, count), default=3, help="frames per scene (3)")
+    parser.add_argument("--width", type=at_most(2000, count), default=240, help="px per picture (240)")
     parser.add_argument("--scenes", type=ids, help="only these scene ids")
     parser.add_argument("--split", default="test", help="the folder of scenes (test)")
     return parser

@@ -20,7 +20,7 @@ import sys  # noqa: E402
 from collections.abc import Sequence  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-from data_recipes.command import Parser, count, note, run, whole  # noqa: E402
+from data_recipes.command import Parser, at_most, count, note, run, whole  # noqa: E402
 
 _HELD_OUT = 10
 
@@ -80,10 +80,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     parser = Parser(prog="python -m data_recipes.edge_profiles", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the rendered scenes, about 0.3 MB each")
-    parser.add_argument("--scenes", type=count, default=400, help="how many, six views each (400)")
-    parser.add_argument("--smeared", type=whole, default=120, help="more of them, smeared by fast motion (120)")
-    parser.add_argument("--epochs", type=count, default=14, help="of the training (14)")
-    parser.add_argument("--seed", type=whole, default=0, help="of the training; scenes go by their numbers (0)")
+    parser.add_argument("--scenes", type=at_most(100_000, count), default=400, help="how many, six views each (400)")
+    parser.add_argument(
+        "--smeared", type=at_most(100_000, whole), default=120, help="more of them, smeared by fast motion (120)"
+    )
+    parser.add_argument("--epochs", type=at_most(10_000, count), default=14, help="of the training (14)")
+    parser.add_argument(
+        "--seed", type=at_most(2**32 - 1, whole), default=0, help="of the training; scenes go by their numbers (0)"
+    )
     parser.add_argument("--jobs", type=count, default=1, help="scenes rendered at a time, a process each (1)")
     parser.add_argument("--weights", type=Path, help="file to write (default: edge_profiles.safetensors in FOLDER)")
     return run(make, parser, argv)

@@ -22,10 +22,11 @@ from itertools import islice  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 from acp_lab.errors import ParameterError  # noqa: E402
-from data_recipes.command import Parser, count, names_of, positive, run, share, whole  # noqa: E402
+from data_recipes.command import Parser, at_most, count, names_of, positive, run, share, whole  # noqa: E402
 from data_recipes.metal.plan import FIRST_PARTS, KINDS, PART_NAMES, SPP, Plan, SceneConfig  # noqa: E402
 
 SIZES = ("640x512", "1224x1024")
+LEAST_PX, MOST_PX = 32, 4096
 SAMPLE_FOLDER = Path(__file__).resolve().parents[1] / "acp_lab" / "sample" / "data"
 
 # The shipped sample. Change it only together with the files under acp_lab/sample/data.
@@ -75,8 +76,10 @@ def _random_names(first_seed: int, count: int) -> list[str]:
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) >= 32 and int(height) >= 32):
-        raise argparse.ArgumentTypeError(f"size {text!r}; give WIDTHxHEIGHT, such as {' or '.join(SIZES)}")
+    if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in (width, height)):
+        raise argparse.ArgumentTypeError(f"size {text[:40]!r}; give WIDTHxHEIGHT, such as {' or '.join(SIZES)}")
+    if not all(LEAST_PX <= int(word) <= MOST_PX for word in (width, height)):
+        raise argparse.ArgumentTypeError(f"size {text!r}; give {LEAST_PX} to {MOST_PX} px each way")
     return int(width), int(height)
 
 
@@ -103,14 +106,21 @@ def build_parser() -> Parser:
         "--random-parts", type=whole, metavar="SEED", help="instead of --parts: others, that nobody drew"
     )
     parser.add_argument("--kinds", type=names_of(KINDS, "kind"), default=["regular"], help=", ".join(KINDS))
-    parser.add_argument("--sequences", type=count, help="how many (default: the longest list)")
-    parser.add_argument("--frames", type=count, default=40, help="frames per sequence (40)")
+    parser.add_argument("--sequences", type=at_most(10_000, count), help="how many (default: the longest list)")
+    parser.add_argument("--frames", type=at_most(5000, count), default=40, help="frames per sequence (40)")
     parser.add_argument("--size", type=_size, default=(640, 512), help=" or ".join(SIZES) + " (the first)")
     parser.add_argument("--edge-break", type=_breaks, default=[0.0], help="mm, one or a list; 0 (default) = sharp")
     parser.add_argument("--seed", type=whole, default=0, help="the same seed gives the same truth (0)")
-    parser.add_argument("--rot-deg-per-frame", type=positive, help="mean; default: by kind, 1.5 to 3.8")
-    parser.add_argument("--trans-mm-per-frame", type=positive, help="mean; default: by kind, 1.5 to 4.5")
-    parser.add_argument("--shake-deg", type=positive, default=0.0, help="of a camera in a hand, rms turn (0: a stand)")
+    parser.add_argument(
+        "--rot-deg-per-frame", type=at_most(20, positive), help="mean, up to 20; default: by kind, 1.5 to 3.8"
+    )
+    parser.add_argument(
+        "--trans-mm-per-frame", type=at_most(100, positive), help="mean, up to 100; default: by kind, 1.5 to 4.5"
+    )
+    parser.add_argument(
+        "--shake-deg", type=at_most(10, positive), default=0.0,
+        help="of a camera in a hand, rms turn (0: a stand)",
+    )  # fmt: skip
     parser.add_argument(
         "--rolling-shutter",
         type=share,
@@ -118,14 +128,19 @@ def build_parser() -> Parser:
         metavar="SHARE",
         help="of the time between frames, in which rows are read one after another (0: all at once); our renderer only",
     )
-    parser.add_argument("--clutter", type=whole, help="number of other objects on the bench (default: 9 to 13)")
     parser.add_argument(
-        "--look-alikes", type=whole, default=0, help="number of other parts like the tracked one on the bench (0)"
+        "--clutter", type=at_most(100, whole), help="number of other objects on the bench (default: 9 to 13)"
     )
+    parser.add_argument(
+        "--look-alikes", type=at_most(50, whole), default=0,
+        help="number of other parts like the tracked one on the bench (0)",
+    )  # fmt: skip
     parser.add_argument("--image-format", choices=("jpg", "png"), default="jpg", help="jpg (default) or png")
     parser.add_argument("--contact-sheet", type=Path, metavar="PNG", help="also write a picture of what was made")
     parser.add_argument("--path-traced", action="store_true", help="render with Mitsuba: more realistic, far slower")
-    parser.add_argument("--spp", type=count, default=SPP, help=f"with --path-traced: samples per pixel ({SPP})")
+    parser.add_argument(
+        "--spp", type=at_most(4096, count), default=SPP, help=f"with --path-traced: samples per pixel ({SPP})"
+    )
     parser.add_argument("--jobs", type=count, default=1, help="sequences rendered at a time, a process each (1)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="render on a dask cluster, whose workers see --out")
     parser.add_argument("--force", action="store_true", help="replace an existing data set")

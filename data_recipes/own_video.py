@@ -44,7 +44,7 @@ from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, first
 from acp_lab.sequences.json_file import read_pose, write_json
 from acp_lab.sequences.pixel_coding import BAYER_CODES, PixelCoding
 from data_recipes.bop_writer import check_out, new_dataset, write_image, write_models, write_scene
-from data_recipes.command import Parser, count, note, pair, positive, run, warn
+from data_recipes.command import Parser, at_most, count, note, pair, positive, run, warn
 from data_recipes.convert import camera_of, check_apart
 from data_recipes.meshes import load_mesh, model_of
 from data_recipes.tracks import box_corners
@@ -212,8 +212,8 @@ def build_parser() -> Parser:
     camera.add_argument("--charuco", type=pair, metavar="CxR", help="squares of the ChArUco board in --views")
     parser.add_argument("--views", type=Path, help="folder or video of the board, 10 views or more, tilted")
     parser.add_argument("--every-view", type=count, default=15, metavar="N", help="of a video, every Nth frame (15)")
-    parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square")
-    parser.add_argument("--marker-mm", type=positive, metavar="MM", help="side of a ChArUco marker")
+    parser.add_argument("--square-mm", type=at_most(1000, positive), metavar="MM", help="side of a square")
+    parser.add_argument("--marker-mm", type=at_most(1000, positive), metavar="MM", help="side of a ChArUco marker")
     parser.add_argument(
         "--dictionary", choices=DICTIONARIES, default="5X5_100", metavar="NAME",
         help="of the ChArUco markers, such as 4X4_50 (5X5_100)",

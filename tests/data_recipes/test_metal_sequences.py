@@ -22,7 +22,7 @@ from data_recipes.metal.motion import shake
 from data_recipes.metal.plan import KINDS, Kind, SceneConfig
 from data_recipes.metal.random_parts import asymmetric_parts, part_named, random_part
 from data_recipes.metal.render import Renderer, RowByRowRenderer
-from data_recipes.metal.scene import Scene, make_scene
+from data_recipes.metal.scene import Scene, make_scene, scene_truth
 from data_recipes.metal_sequences import main
 from data_recipes.symmetries import find_symmetry
 
@@ -161,6 +161,17 @@ def test_refuses_what_is_there_without_force(tmp_path: Path, capsys: pytest.Capt
         (["--size", "640"], "640"),
         (["--edge-break", "-1"], "-1"),
         (["--frames", "0"], "0"),
+        (["--frames", "99999999"], "give 5000 at most"),
+        (["--frames", "9" * 5000], "give a whole number"),
+        (["--size", "16x512"], "give 32 to 4096 px"),
+        (["--size", "640x100000"], "give 32 to 4096 px"),
+        (["--size", "9" * 5000 + "x512"], "give WIDTHxHEIGHT"),
+        (["--rot-deg-per-frame", "1e300"], "give 20 at most"),
+        (["--trans-mm-per-frame", "1e300"], "give 100 at most"),
+        (["--shake-deg", "1e300"], "give 10 at most"),
+        (["--clutter", "1000000"], "give 100 at most"),
+        (["--look-alikes", "1000000"], "give 50 at most"),
+        (["--sequences", "1000000000"], "give 10000 at most"),
         (["--rot-deg-per-frame", "nan"], "nan"),
         ([], "--out"),
     ],
@@ -172,7 +183,29 @@ def test_bad_usage_is_one_line(options: list[str], word: str, capsys: pytest.Cap
     assert stop.value.code == 2
     assert message.startswith("error: ")
     assert message.count("\n") == 1
+    assert len(message) < 1000
     assert word in message
+
+
+@pytest.mark.parametrize("kind", ["regular", "rotation"])
+def test_the_most_that_a_part_may_turn_can_be_planned(kind: Kind) -> None:
+    part = make_part("lever_arm")
+    truth = scene_truth(part, SceneConfig(kind, 5000, 640, 512, seed=2, rot_deg=20.0, trans_mm=100.0, shake_deg=10.0))
+    turns_deg = [rotation_angle_deg(a[:3, :3], b[:3, :3]) for a, b in pairwise(truth.poses)]
+    assert np.mean(turns_deg) > 15.0
+
+
+def test_too_little_memory_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise MemoryError("Unable to allocate 3.05 TiB for an array")
+
+    monkeypatch.setattr("data_recipes.metal.dataset.write_image", fail)
+    assert run(tmp_path / "set", "--parts", "slot_block") == 2
+    told = "error: out of memory (Unable to allocate 3.05 TiB for an array): ask for smaller or fewer pictures\n"
+    assert capsys.readouterr().err == told
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_failure_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
