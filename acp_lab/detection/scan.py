@@ -135,7 +135,9 @@ def _scan_level(
 
     _, height, width = response.shape
     step = STEP_PX
-    margin = int(np.ceil(0.6 * config.scan_px / step)) + 1
+    plane_of, steps = templates.reads
+    # What is farthest from the middle of a part's box, a long corner say, is read beyond every border.
+    margin = int(np.abs(steps).max(initial=0)) + 1
     rows, columns = -(-height // step), -(-width // step)
     high, wide = rows + 2 * margin, columns + 2 * margin
     planes = np.zeros((SCAN_BINS, step, step, high * wide + CHUNK), np.int8)
@@ -147,7 +149,6 @@ def _scan_level(
         layer[..., : high * wide] = phases.reshape(step, step, high * wide)
         yield PLANE_WORK * padded.size
     planes = planes.reshape(SCAN_BINS * step * step, -1)
-    plane_of, steps = templates.reads
     shifts = steps[..., 1] * np.int32(wide) + steps[..., 0]
     first, length = margin * wide, rows * wide
     best: Float32Array = np.full((GROUPS, length), -1e9, np.float32)

@@ -16,7 +16,7 @@ from acp_lab.detection.detector import Detector, start_poses
 from acp_lab.detection.edge_maps import bands, oriented_edges, removing_specks, resized, without_specks
 from acp_lab.detection.pose_prior import PosePrior
 from acp_lab.detection.pose_search import DistanceMaps, Poses, distinct
-from acp_lab.detection.scan import Candidates, depth_levels, scan
+from acp_lab.detection.scan import Candidates, _scan_level, depth_levels, scan
 from acp_lab.detection.view_templates import SCAN_BINS, STEP_PX, looking_along, spread
 from acp_lab.detection.work import finish
 from acp_lab.errors import AcpLabError
@@ -29,6 +29,18 @@ from tests.prepared_sample import sample_model, sample_scene
 def sample_detector() -> Detector:
     model = sample_model()
     return Detector(model.part, model.best_generator())
+
+
+def test_features_far_from_the_middle_read_nothing_from_beyond_the_image() -> None:
+    """A long corner lies farther from the middle of its part's box than most parts reach."""
+    detector, times = sample_detector(), 2
+    templates = replace(detector.templates, offsets=times * detector.templates.offsets)
+    reach = int(np.abs(templates.offsets).max())
+    response = np.zeros((SCAN_BINS, reach + 100, 160), np.float32)
+    response[:, -8:] = 1.0
+    _, _, places = finish(_scan_level(response, templates, detector.groups, detector.config))
+    assert len(places)
+    assert places[:, 1].min() >= 92 - STEP_PX
 
 
 @pytest.mark.parametrize("depth_mm", [(0.0, 100.0), (-1.0, 5.0), (500.0, 300.0), (float("nan"), 3.0)])

@@ -99,7 +99,7 @@ def test_the_ends_of_a_range_can_be_told_apart(low: float, high: float, told: st
 
 def test_the_map_says_what_its_colours_leave_out(widget: LossLandscape) -> None:
     assert widget.map.status.startswith("from ")
-    assert "2% are cut off at each end" in widget.map.status
+    assert "2% cut off at each end" in widget.map.status
 
 
 def test_a_map_with_a_pole_still_shows_the_rest() -> None:

@@ -163,7 +163,7 @@ class LossLandscape(Still, ipywidgets.VBox):
             control.disabled = self.form.value == BCE
         picture, low, high = map_picture(self._values)
         self.map.show(picture)
-        self.map.status = f"{range_in_words(low, high)}; 2% are cut off at each end"
+        self.map.status = f"{range_in_words(low, high)}, 2% cut off at each end"
         self._go()
 
     def _go(self) -> None:

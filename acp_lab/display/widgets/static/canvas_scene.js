@@ -9,7 +9,7 @@ const LOUPE_SHARE = 0.3;
 const LOUPE_ZOOM = 4;
 const MOST_ZOOM = 64;
 const LEAST_WIDTH_PX = 200;
-const LEAST_HEIGHT_PX = 80;
+const MOST_ASPECT = 10; // of the stage, width by height
 
 class Scene {
   constructor(model, el) {
@@ -76,7 +76,8 @@ class Scene {
   }
 
   showSize() {
-    const [, , width, height] = this.aspect();
+    const [, , width, seen] = this.aspect();
+    const height = Math.max(seen, width / MOST_ASPECT);
     const limit = this.model.get("height_px");
     // A tall image gets some ground beside it, a wide one above and below: nobody could hit a stage that is a few pixels
     // wide or high.
@@ -84,7 +85,6 @@ class Scene {
     const tall = (limit * width) / height < most;
     this.stage.style.width = `min(100%, ${most}px)`;
     this.stage.style.aspectRatio = tall ? `${most} / ${limit}` : `${width} / ${height}`;
-    this.stage.style.minHeight = `${Math.min(LEAST_HEIGHT_PX, limit)}px`;
     // What stands above and below it is as wide, but a title needs some room.
     this.root.style.maxWidth = `${Math.max(most, 280)}px`;
   }
