@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from acp_lab.cad.part import Part
-from acp_lab.detection import pose_search
+from acp_lab.detection import kernels, pose_search
 from acp_lab.detection.config import DetectionConfig, usual_depths_mm
 from acp_lab.detection.detector import Detector, start_poses
 from acp_lab.detection.edge_maps import bands, oriented_edges, removing_specks, resized, without_specks
@@ -31,16 +31,19 @@ def sample_detector() -> Detector:
     return Detector(model.part, model.best_generator())
 
 
-def test_features_far_from_the_middle_read_nothing_from_beyond_the_image() -> None:
+def test_features_far_from_the_middle_read_nothing_from_beyond_the_planes(monkeypatch: pytest.MonkeyPatch) -> None:
     """A long corner lies farther from the middle of its part's box than most parts reach."""
-    detector, times = sample_detector(), 2
-    templates = replace(detector.templates, offsets=times * detector.templates.offsets)
-    reach = int(np.abs(templates.offsets).max())
-    response = np.zeros((SCAN_BINS, reach + 100, 160), np.float32)
-    response[:, -8:] = 1.0
-    _, _, places = finish(_scan_level(response, templates, detector.groups, detector.config))
-    assert len(places)
-    assert places[:, 1].min() >= 92 - STEP_PX
+    detector, ends = sample_detector(), []
+
+    def reads(planes: np.ndarray, _: object, shifts: np.ndarray, *rest: object) -> None:
+        *_, first, length, _, _ = rest
+        ends.append((int(first) + int(shifts.min()), planes.shape[1] - int(first) - int(length) - int(shifts.max())))
+
+    monkeypatch.setattr(kernels, "scan_templates", reads)
+    templates = replace(detector.templates, offsets=2 * detector.templates.offsets)
+    finish(_scan_level(np.zeros((SCAN_BINS, 90, 130), np.float32), templates, detector.groups, detector.config))
+    assert ends
+    assert np.min(ends) >= 0
 
 
 @pytest.mark.parametrize("depth_mm", [(0.0, 100.0), (-1.0, 5.0), (500.0, 300.0), (float("nan"), 3.0)])
