@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -176,12 +176,14 @@ class SceneJob:
     """One scene, and the parts to track in it with their start poses (4, 4), by object id.
 
     tracked_before: frames that an earlier run of the same job has done, which count among --max-frames.
+    found: the objects whose start pose was found in the first image, not given.
     """
 
     sequence: Sequence
     models: Mapping[int, PreparedPart]
     starts: Mapping[int, FloatArray]
     tracked_before: int = 0
+    found: frozenset[int] = frozenset()
 
 
 @dataclass
@@ -224,13 +226,14 @@ def scene_jobs(options: TrackOptions) -> tuple[SceneJob, ...]:
     sequences = [_from_first_start(options, scene) for scene in scenes]
     starts = [_start_poses(options, sequence) for sequence in sequences]
     jobs = []
-    for scene, sequence, poses in zip(scenes, sequences, starts, strict=True):
+    for scene, sequence, (poses, found) in zip(scenes, sequences, starts, strict=True):
         chosen = _chosen(options.objects, poses)
         if chosen:
             job = _job(options, sequence, _meshes(dataset, chosen, shelf), chosen, shelf)
+            job = replace(job, found=found & chosen.keys())
             _check_in_sight(scene, job, options)
             jobs.append(job)
-    _check_all_found(options.objects, starts)
+    _check_all_found(options.objects, [poses for poses, _ in starts])
     return tuple(jobs)
 
 
@@ -261,6 +264,7 @@ def _from_first_start(options: TrackOptions, sequence: Sequence) -> Sequence:
 def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob:
     from acp_lab.geometry.camera import Camera
     from acp_lab.sequences import open_images, read_pose, start_rows
+    from acp_lab.sequences.json_file import was_found
 
     assert options.mesh is not None
     assert options.camera is not None
@@ -279,10 +283,10 @@ def _video_job(options: TrackOptions, video: Path, shelf: PartShelf) -> SceneJob
         if 1 not in rows:
             raise SequenceError(f"{init}: no row for scene 1, image {first}, object 1: a video shows object 1")
         _warn_of_doubtful(options, [rows[1]])
-        starts = {1: rows[1].cam_T_obj}
-    else:
-        starts = {1: read_pose(init)}
-    return _job(options, sequence, {1: options.mesh}, starts, shelf)
+        job = _job(options, sequence, {1: options.mesh}, {1: rows[1].cam_T_obj}, shelf)
+        return replace(job, found=_estimated(rows))
+    job = _job(options, sequence, {1: options.mesh}, {1: read_pose(init)}, shelf)
+    return replace(job, found=frozenset({1} if was_found(init) else ()))
 
 
 def _found_jobs(
@@ -335,13 +339,15 @@ def _job_found(
         _job(options, RestOfSequence(sequence, start.frame_id), {i: meshes[i] for i in start.poses}, start.poses, shelf)
         for start in starts
     ]
-    return jobs, lacks
+    return [replace(job, found=frozenset(job.starts)) for job in jobs], lacks
 
 
-def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatArray]:
-    """Start poses in a scene's first frame: its truth alone, never a later one's, or rows of a file."""
+def _start_poses(options: TrackOptions, scene: Sequence) -> tuple[Mapping[int, FloatArray], frozenset[int]]:
+    """Start poses in a scene's first frame: its truth alone, never a later one's, or rows of a file; and the objects
+    whose pose was found in that image, as a row's score says.
+    """
     if options.init in (None, "gt"):
-        return scene.first_poses
+        return scene.first_poses, frozenset()
     from acp_lab.sequences import start_rows
 
     starts = start_rows(str(options.init), scene.scene_id, scene.frame_ids[0])
@@ -352,7 +358,12 @@ def _start_poses(options: TrackOptions, scene: Sequence) -> Mapping[int, FloatAr
                 "add its start pose, or choose others with --object"
             )
     _warn_of_doubtful(options, [row for i, row in starts.items() if not options.objects or i in options.objects])
-    return {object_id: row.cam_T_obj for object_id, row in starts.items()}
+    return {object_id: row.cam_T_obj for object_id, row in starts.items()}, _estimated(starts)
+
+
+def _estimated(starts: Mapping[int, ResultRow]) -> frozenset[int]:
+    """The objects whose start poses are estimates: a detector or a tracker is never quite sure, as whoever knows is."""
+    return frozenset(object_id for object_id, row in starts.items() if 0.0 <= row.score < 1.0)
 
 
 def _warn_of_doubtful(options: TrackOptions, starts: Iterable[ResultRow]) -> None:

@@ -304,7 +304,9 @@ def _follow(
     trackers = {object_id: Tracker(model, method) for object_id, model in job.models.items()}
     observers = (listening[0], seen, reporter, *listening[1:])
     with _named(job, options), short_collections():
-        follow_sequence(trackers, job.sequence, job.starts, observers=observers, max_frames=most)
+        follow_sequence(
+            trackers, job.sequence, job.starts, observers=observers, max_frames=most, found=job.found
+        )
     return seen.objects
 
 

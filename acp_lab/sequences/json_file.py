@@ -54,9 +54,19 @@ def read_pose(path: str | Path) -> FloatArray:
     return pose_of(read_json_object(path, f"write the start pose as {_POSE_EXAMPLE}"), f"{path}: the pose")
 
 
-def write_pose(path: str | Path, cam_T_obj: FloatArray) -> None:
+def was_found(path: str | Path) -> bool:
+    """Whether a POSE.json says that its pose was found in the image, as by snap: `"found": true`.
+
+    InputFileError as of `read_pose`.
+    """
+    read_pose(path)
+    return read_json_object(Path(path), "").get("found") is True
+
+
+def write_pose(path: str | Path, cam_T_obj: FloatArray, found: bool = False) -> None:
     """Write a pose (4, 4), mm, as the POSE.json that `read_pose` reads, also in place of an older one.
 
+    found: whether it was found in the image, see `Tracker.start`; the file says so.
     InputFileError when that cannot be, and rather than replace a file that holds no pose.
     """
     path = Path(path)
@@ -64,7 +74,7 @@ def write_pose(path: str | Path, cam_T_obj: FloatArray) -> None:
     if path.is_file() and path.stat().st_size and not _is_pose(path):
         raise InputFileError(f"{path}: the pose would replace a file that is not a pose: choose another name")
     values = {"cam_R_m2c": cam_T_obj[:3, :3].ravel().tolist(), "cam_t_m2c": cam_T_obj[:3, 3].tolist()}
-    write_json(path, values)
+    write_json(path, values | {"found": True} if found else values)
 
 
 def _is_pose(path: Path) -> bool:

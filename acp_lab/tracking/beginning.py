@@ -63,8 +63,11 @@ class Beginning:
             )
         return region
 
-    def begin(self, frame: Frame, seen: SeenFrame, clock: Stopwatch) -> Started | None:
-        """The first frame, seen around the start pose, its view's prior; None where the part is not seen there."""
+    def begin(self, frame: Frame, seen: SeenFrame, found: bool, clock: Stopwatch) -> Started | None:
+        """The first frame, seen around the start pose, its view's prior; None where the part is not seen there.
+
+        found: whether that pose was found in this frame, see `start`.
+        """
         solver, config = self._solver, self._solver.method.start
         if isinstance(config, Off):
             solution = solver.solve(seen, seen.view.at_pose(seen.view.prior), clock)
@@ -73,7 +76,7 @@ class Beginning:
         def look(pose: FloatArray) -> SeenFrame | None:
             return solver.look(frame.image, frame.camera, pose, solver.choose_region(pose))
 
-        started = begin(solver, look, seen, config, clock)
+        started = begin(solver, look, seen, config, clock, found)
         if started is not None and not started.trusted:
             started = self._asked_again(frame, look, seen.view.prior, started, config, clock)
         if started is None:

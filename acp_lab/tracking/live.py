@@ -31,6 +31,8 @@ OBJECT_ID = 1
 LOOK_S = 0.01
 """Between two looks at what the hand wants."""
 Doing = Literal["watching", "looking", "following", "waiting", "ended"]
+Start = tuple[FloatArray, bool]
+"""A pose (4, 4), and whether it was found in the image, see `Tracker.start`."""
 Show = Callable[[Frame | UnreadableFrame, TrackResult | None], object]
 Tell = Callable[[str], object]
 
@@ -54,7 +56,7 @@ class LiveLoop:
         self.doing: Doing = "watching"
         self._stands_at: Frame | None = None
         self.rows: list[ResultRow] = []
-        self._start: FloatArray | None = None
+        self._start: Start | None = None
         self._is_over = False
         self._lock = threading.RLock()
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
@@ -85,12 +87,12 @@ class LiveLoop:
                 self._turn_from("waiting", "watching")
         return frame
 
-    def follow(self, cam_T_obj: FloatArray) -> None:
+    def follow(self, cam_T_obj: FloatArray, found: bool = False) -> None:
         """Follow the part from a pose (4, 4) on, in the frame at which the loop stands, else in the next one.
 
-        GeometryError for what is no pose.
+        found: whether it was found in that frame, see `Tracker.start`. GeometryError for what is no pose.
         """
-        self._do("following", check_pose(cam_T_obj, "the pose to follow from"))
+        self._do("following", (check_pose(cam_T_obj, "the pose to follow from"), found))
 
     def watch(self) -> None:
         """Only show the frames."""
@@ -112,12 +114,12 @@ class LiveLoop:
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
-    def _do(self, what: Doing, start: FloatArray | None = None) -> None:
+    def _do(self, what: Doing, start: Start | None = None) -> None:
         with self._lock:
             if self.doing != "ended":
                 self.doing, self._start = what, start
 
-    def _turn_from(self, before: Doing, what: Doing, start: FloatArray | None = None) -> bool:
+    def _turn_from(self, before: Doing, what: Doing, start: Start | None = None) -> bool:
         """Do something else, unless somebody said otherwise meanwhile: a button outranks what the loop found out."""
         with self._lock:
             is_asked = self.doing == before and self._start is None
@@ -182,17 +184,18 @@ class LiveLoop:
                 self._stands_at = None
         return goes_on
 
-    def _track(self, frame: Frame | UnreadableFrame, start: FloatArray | None) -> TrackResult:
+    def _track(self, frame: Frame | UnreadableFrame, start: Start | None) -> TrackResult:
         if start is None or not isinstance(frame, Frame):
             return self._tracker.track(frame)
-        result = self._tracker.start(frame, start)
+        pose, is_found = start
+        result = self._tracker.start(frame, pose, found=is_found)
         self.rows = []  # what was tracked before is kept where the new start shows nothing
         return result
 
     def _look_in(self, frame: Frame) -> None:
         self._tell("looking for the part: keep it still …")
         found = self._finder.find(frame, 1)
-        if found and found[0].is_accepted and self._turn_from("looking", "following", found[0].cam_T_obj):
+        if found and found[0].is_accepted and self._turn_from("looking", "following", (found[0].cam_T_obj, True)):
             self._tell(f"found, score {found[0].score:.2f}")
 
     def _paced(self) -> Iterator[Frame | UnreadableFrame]:

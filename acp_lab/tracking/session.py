@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,8 +37,8 @@ class PartTracker(Protocol):
     @property
     def control_points_obj(self) -> tuple[FloatArray, ...]: ...
 
-    def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
-        """Begin at a pose (4, 4) in the first frame."""
+    def start(self, frame: Frame, cam_T_obj: FloatArray, found: bool = False) -> TrackResult:
+        """Begin at a pose (4, 4) in the first frame; found: whether it was found in that frame."""
         ...
 
     def track(self, frame: Frame | UnreadableFrame) -> TrackResult:
@@ -115,6 +115,7 @@ def track_sequence(
     observers: Iterable[Observer] = (),
     max_frames: int | None = None,
     method: str | None = None,
+    found: Collection[int] = (),
 ) -> TrackRun:
     """Track objects through a sequence, and keep all results: tens of kilobytes per frame and object.
 
@@ -123,7 +124,7 @@ def track_sequence(
     """
     keeper = _Keeper(trackers)
     try:
-        follow_sequence(trackers, sequence, starts, (keeper, *_checked(observers)), max_frames, method)
+        follow_sequence(trackers, sequence, starts, (keeper, *_checked(observers)), max_frames, method, found)
     except KeyboardInterrupt:
         if sequence.frame_ids or not keeper.has_results:
             raise
@@ -147,6 +148,7 @@ def follow_sequence(
     observers: Iterable[Observer] = (),
     max_frames: int | None = None,
     method: str | None = None,
+    found: Collection[int] = (),
 ) -> SessionInfo:
     """Track objects through a sequence; observers get the results, nothing is kept, however long it takes.
 
@@ -156,6 +158,7 @@ def follow_sequence(
         trackers: by object id.
         starts: (4, 4) cam_T_obj in the first frame, by object id.
         method: what the run is called; None for the first tracker's name.
+        found: ids of objects whose start pose was found in the first frame, see `Tracker.start`.
 
     Raises:
         SequenceError: no trackers, one for several objects, no frames, or the first one cannot be read.
@@ -191,7 +194,7 @@ def follow_sequence(
             if not isinstance(frame, UnreadableFrame):
                 check_frame(frame)
             of_frame = {
-                object_id: tracker.start(frame, starts[object_id])
+                object_id: tracker.start(frame, starts[object_id], **({"found": True} if object_id in found else {}))
                 if number == 0 and isinstance(frame, Frame)
                 else tracker.track(frame)
                 for object_id, tracker in trackers.items()

@@ -8,6 +8,10 @@ that are searched from there (`search.search_on`), may agree clearly better: fro
 from the part as it began. Otherwise the best of those clouds wins, compared both ways (`search.both_ways`), and its
 pose is weighed against the given one (`weighed_start`), as it is where the frame agrees with both well, but they lie
 apart: half a degree off, a start is good enough to tell which edges are the part's, not where they lie.
+
+A start that was found in the frame itself, by the detector or by snap, says no more than the frame does: the solver
+agrees with it however far off its distance is, and offsets measured there would keep the error. So it is never trusted,
+nor weighed: the best of the clouds counts.
 """
 
 from __future__ import annotations
@@ -158,8 +162,13 @@ class Started:
     note: str = ""
 
 
-def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart, clock: Stopwatch) -> Started | None:
-    """The first frame, from its view's prior; None where the part is not seen there. look: at other places of it."""
+def begin(
+    solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart, clock: Stopwatch, found_there: bool = False
+) -> Started | None:
+    """The first frame, from its view's prior; None where the part is not seen there.
+
+    look: at other places of it. found_there: whether the prior was found in this frame.
+    """
     view = seen.view
     solved = solver.solve(seen, view.at_pose(view.prior), clock)
     if solved is None:
@@ -168,12 +177,12 @@ def begin(solver: PoseSolver, look: Look, seen: SeenFrame, config: TrustedStart,
     there, found = search_on(solver, look, seen, config.cloud, config.clouds, config.ranking) or (seen, None)
     found = solved if found is None else solver.settle(there, found, clock)
     ratio = _agreement_ratio(solver, seen, there, found)
-    trusted = is_trusted(solver, seen, solved, config) and ratio >= config.surpassed
+    trusted = not found_there and is_trusted(solver, seen, solved, config) and ratio >= config.surpassed
     pose = view.prior if trusted else found.cam_T_obj
     there = seen if trusted else there
     is_exact = trusted and is_trusted(solver, seen, solved, replace(config, agreement_alone=_NEVER))
     matches, bias_mm = found.judgement.matches, config.bias_in_breaks * solver.edge_break_mm
-    if not is_exact and bias_mm and matches is not None:
+    if not (is_exact or found_there) and bias_mm and matches is not None:
         ratio = min(ratio, _agreement_ratio(solver, seen, seen, solved))
         # A frame agrees with a start that is far off by chance; that says nothing of how far.
         pose = weighed_start(view, found.cam_T_obj, matches, bias_mm, ratio if there is seen else None)

@@ -148,9 +148,11 @@ class Tracker:
         """PreparationError where the method's generator was not trained for the view region of a pose (4, 4)."""
         self._beginning.prepared_region(cam_T_obj)
 
-    def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
+    def start(self, frame: Frame, cam_T_obj: FloatArray, found: bool = False) -> TrackResult:
         """Begin at a pose (4, 4) in the first frame.
 
+        found: whether the pose was found in this very frame, by `acp.detect` or `acp.snap`: then it is not taken for
+        exact, however well the frame agrees with it, see `tracking.start`.
         One that is refused for the pose alone leaves an earlier track as it is.
 
         Raises:
@@ -170,7 +172,7 @@ class Tracker:
         self.solver.magnify(frame.camera, pose)
         pursuit.region = region
         seen = pursuit.look(frame, pose, clock)
-        started = None if seen is None else self._beginning.begin(frame, seen, clock)
+        started = None if seen is None else self._beginning.begin(frame, seen, found, clock)
         if started is None:
             raise self._beginning.not_seen(frame, pose)
         seen, solution, self._trusted = started.seen, started.solution, started.trusted
@@ -235,11 +237,13 @@ class Tracker:
         observers: Iterable[Observer] = (),
         object_id: int | None = None,
         max_frames: int | None = None,
+        found: bool = False,
     ) -> TrackRun:
         """Track one object through a sequence, from a start pose (4, 4) in its first frame; see `track_sequence`.
 
         Args:
             object_id: which of the sequence's objects it is; None where there is only one.
+            found: whether the start pose was found in the first frame, see `start`.
 
         Raises SequenceError where the sequence has several objects and none was named; else as `follow_sequence`.
         """
@@ -261,7 +265,8 @@ class Tracker:
                 f"such as object_id={ids[0]}"
             )
         object_id = ids[0] if object_id is None else object_id
-        return track_sequence({object_id: self}, sequence, {object_id: start}, observers, max_frames)
+        where_found = (object_id,) if found else ()
+        return track_sequence({object_id: self}, sequence, {object_id: start}, observers, max_frames, found=where_found)
 
     def look(self, frame: Frame, prior: FloatArray) -> SeenFrame | None:
         """A frame around the part at a pose (4, 4), as the next `track` would see it; changes nothing.

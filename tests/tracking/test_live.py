@@ -114,7 +114,7 @@ def test_a_new_start_that_shows_nothing_keeps_what_was_tracked(loop: LiveLoop, s
     truth = sample_scene().truth(0, 1)
     assert truth is not None
     frame = sample_scene().frame(0)
-    loop.doing, loop._start = "following", truth
+    loop.doing, loop._start = "following", (truth, False)
     assert loop._result(frame) is not None
     loop.follow(np.diag([1.0, -1.0, -1.0, 1.0]) @ truth)  # behind the camera
     assert loop._result(frame) is None
@@ -168,7 +168,7 @@ def test_a_start_that_fails_does_not_take_back_what_was_pressed_meanwhile(
     assert truth is not None
     start = loop._tracker.start
 
-    def start_and_press(frame: Frame, cam_T_obj: np.ndarray) -> TrackResult:
+    def start_and_press(frame: Frame, cam_T_obj: np.ndarray, found: bool) -> TrackResult:
         monkeypatch.setattr(loop._tracker, "start", start)
         loop.follow(truth)  # a better pose comes while this one is tried
         return start(frame, cam_T_obj)

@@ -79,8 +79,8 @@ class RapidTracker:
         """(4, 3) mm per view region 0..5: it has none; four corners of the box stand for them in replays."""
         return (self._corners_obj,) * 6
 
-    def start(self, frame: Frame, cam_T_obj: FloatArray) -> TrackResult:
-        """Begin at a pose (4, 4)."""
+    def start(self, frame: Frame, cam_T_obj: FloatArray, found: bool = False) -> TrackResult:
+        """Begin at a pose (4, 4), wherever that comes from."""
         self._worker.ask({"do": "start", "name": self.name}, self.part.vertices, self.part.faces)
         self._pose = cam_T_obj
         self._ask(frame)  # for the colours that it learns; the pose is the one that was given

@@ -170,7 +170,7 @@ class PoseAligner(Still, ipywidgets.VBox):
         A file that holds this very pose already stays as it is, byte for byte.
         """
         if not _holds(Path(path), self.cam_T_obj):
-            write_pose(path, self.cam_T_obj)
+            write_pose(path, self.cam_T_obj, found=self.snapped is not None)
         self._saved = self.cam_T_obj
 
     @property
