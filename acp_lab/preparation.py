@@ -80,7 +80,7 @@ def prepare(
     check_device(options)  # before anything is stored: a refusal leaves no trace
     if out is None:
         return _prepare(part, options, None, progress)
-    folder = part_folder(Path(out), part.name)
+    folder = part_folder(Path(out), part.name, part.path)
     with only_writer(folder, "this part"):
         return _prepare(part, options, folder, progress)
 

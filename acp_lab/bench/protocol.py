@@ -136,7 +136,7 @@ class Task:
     def part_header(self) -> str:
         """The text of the prepared part's part.json, which holds the checksums of all its files; "" where none is."""
         mesh = BopDataset(self.dataset).part_path(self.object_id)
-        header = part_folder(Path(self.parts), mesh.stem) / "part.json"
+        header = part_folder(Path(self.parts), mesh.stem, mesh) / "part.json"
         return header.read_text(encoding="utf-8") if header.exists() else ""
 
     def to_json(self) -> str:

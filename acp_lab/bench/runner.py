@@ -262,7 +262,7 @@ def _prepared_of(task: Task) -> PreparedPart:
 def _prepared(dataset: str, parts: str, object_id: int, header: str, look: str) -> PreparedPart:
     """header: of the part, look: of its model's files; others are another part, in processes that live long, too."""
     mesh = BopDataset(dataset).part_path(object_id)
-    return PreparedPart.load(part_folder(Path(parts), mesh.stem), mesh)
+    return PreparedPart.load(part_folder(Path(parts), mesh.stem, mesh), mesh)
 
 
 def _measured_of(task: Task) -> tuple[Part, PartMetric]:

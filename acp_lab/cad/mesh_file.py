@@ -35,6 +35,7 @@ SUFFIXES = (".ply", ".obj", ".stl", *_STEP_SUFFIXES)
 UNITS_MM: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
 _BLANK = b" \t\r\n\0"
+_STEP_END = re.compile(rb"END-ISO-10303-21\s*;")
 _ODD_LENGTH = "PLY is unexpected length!"
 LARGE_MESH = 100_000
 """Vertices from which on memory counts more than the time to tidy it up."""
@@ -181,10 +182,13 @@ def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
             "or export the part as PLY"
         ) from None
     # OpenCASCADE takes half a file for a whole one, so its two ends are looked for first.
-    if b"ISO-10303-21;" not in data[:4096] or b"END-ISO-10303-21;" not in data[-4096:]:
+    end = _STEP_END.search(data)
+    if b"ISO-10303-21" not in data[:4096] or end is None:
         raise InputFileError(f"{path}: cut off, or no STEP file (lacks END-ISO-10303-21): export it again")
+    # A signature may follow it, a blank stand within it and a mark before it all: OpenCASCADE gets what all writers write.
+    whole = data[: end.start()].removeprefix(BYTE_ORDER_MARK) + b"END-ISO-10303-21;\n"
     with native_output_silenced():  # errors are told in one line, below
-        glb = cascadio.load(data, file_type="step", tol_linear=STEP_TOLERANCE_MM, tol_angular=STEP_TOLERANCE_RAD)
+        glb = cascadio.load(whole, file_type="step", tol_linear=STEP_TOLERANCE_MM, tol_angular=STEP_TOLERANCE_RAD)
     if not glb:
         raise InputFileError(f"{path}: OpenCASCADE cannot read this STEP file: export it again")
     return _parse(glb, "glb", path)
@@ -203,7 +207,13 @@ def _check_ply(data: bytes, vertex_count: int, face_count: int, path: Path) -> N
     vertices, faces = promised.get(b"vertex", 0), promised.get(b"face", 0)
     short = vertex_count < vertices or face_count < faces
     if re.search(rb"^format\s+ascii", header, re.MULTILINE):
-        short = short or sum(1 for line in body.splitlines() if line.strip()) < sum(promised.values())
+        lines = sum(1 for line in body.splitlines() if line.strip())
+        short = short or lines < sum(promised.values())
+        if lines > sum(promised.values()):
+            raise InputFileError(
+                f"{path}: holds {lines} lines, but its header promises {vertices} vertices and {faces} faces: "
+                "export it again"
+            )
     if short:
         raise InputFileError(
             f"{path}: cut off: the header promises {vertices} vertices and {faces} faces, of which "

@@ -42,6 +42,8 @@ DIAMETER_TOLERANCE = 0.02
 """Between models_info.json and the mesh: more than any re-meshing, less than any other part."""
 COARSEST = 1e-4
 """Of the part's size: what its numbers tell apart. Beyond it, fillets lose their shape to rounding."""
+_STRAY_SHARE = 0.05
+"""Of a vertex's distance from the middle: where all others are nearer, it is no part of the part."""
 _UNITS = (("metres", 1000.0), ("inches", 25.4), ("centimetres", 10.0))
 
 
@@ -189,6 +191,9 @@ def clean_mesh(vertices: ArrayLike, faces: ArrayLike, where: str, unit_mm: float
         bad = points[~usable][0].tolist()
         raise PartError(f"{where}: a vertex is {bad}, which is no point: export the mesh again")
     size, resolution = float(np.ptp(points, axis=0).max()), _resolution(points, unit_mm)
+    stray = _stray(points) if size > LARGEST_DIAMETER else None
+    if stray is not None:
+        raise PartError(f"{where}: a vertex is {stray.tolist()}, far from all others: export the mesh again without it")
     if resolution > COARSEST * size > 0.0:
         raise PartError(
             f"{where}: is {size:.3g} mm large but has coordinates up to {np.abs(points).max():.3g} mm, where its "
@@ -221,6 +226,14 @@ def _without_unused(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, 
     used = np.zeros(len(vertices), dtype=bool)
     used[faces] = True
     return vertices[used], (np.cumsum(used) - 1)[faces]
+
+
+def _stray(points: FloatArray) -> FloatArray | None:
+    """Of points (n, 3) the one (3,) beside which all others are near each other, if there is one."""
+    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    farthest = points[away.argmax()]
+    others = away[(points != farthest).any(axis=1)]  # an STL file has it once for every face
+    return farthest if len(others) and others.max() < _STRAY_SHARE * away.max() else None
 
 
 def _merged(vertices: FloatArray, faces: IntArray, tolerance: float) -> tuple[FloatArray, IntArray]:

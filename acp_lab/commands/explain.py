@@ -276,7 +276,7 @@ def _part_of_video(mesh: Path, parts: Path) -> Part:
     from acp_lab.prepared_part import PreparedPart, part_folder
 
     try:
-        return PreparedPart.load(part_folder(parts, mesh.stem), mesh).part
+        return PreparedPart.load(part_folder(parts, mesh.stem, mesh), mesh).part
     except PreparationError:
         return Part.from_file(mesh)
 

@@ -67,7 +67,7 @@ def prepare_parts(
     interrupt.check()
     parts = [read_part(mesh, unit, symmetries) for mesh in dict.fromkeys(meshes)]
     for part in parts:
-        folder, resume = part_folder(out, part.name), options is None or options.resume
+        folder, resume = part_folder(out, part.name, part.path), options is None or options.resume
         _check_size_there(part, folder, resume)
         if resume and (folder / "part.json").exists():
             check_same_mesh(part, folder)

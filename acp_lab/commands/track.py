@@ -200,7 +200,7 @@ class PartShelf:
         if mesh not in self._loaded:
             if not mesh.is_file():
                 raise InputFileError(f"{mesh}: no such mesh file: check the path")
-            loaded = PreparedPart.load(part_folder(self.folder, mesh.stem), mesh)
+            loaded = PreparedPart.load(part_folder(self.folder, mesh.stem, mesh), mesh)
             if loaded.lacks:
                 console.warn_on_success(
                     f"{loaded.folder}: lacks {loaded.lacks}, as after an interrupted prepare; {loaded.mend_command}"

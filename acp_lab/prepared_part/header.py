@@ -24,10 +24,23 @@ UNSEALED_VERSION = 1
 """Of parts without checksums; `prepare` adds them, nothing else reads such parts."""
 
 
-def part_folder(parts: Path, name: str) -> Path:
-    """Where a part of that name is stored among `parts`; PreparationError for a name that would be elsewhere."""
+_LONGEST_NAME = 249
+"""Bytes: file systems take 255, and the folder's lock has six more than the folder."""
+
+
+def part_folder(parts: Path, name: str, mesh: Path | None = None) -> Path:
+    """Where a part of that name is stored among `parts`; PreparationError for a name that would be elsewhere.
+
+    mesh: the file that the part is named after, if it is of one, to begin the message with.
+    """
+    shown = str(mesh)
+    where = "" if mesh is None else f"{shown if shown.isprintable() else repr(shown)}: "
     if not name or name.startswith(".") or not name.isprintable() or Path(name).name != name or "\\" in name:
-        raise PreparationError(f"a part cannot be named {name!r}, which is no plain folder name: rename its mesh file")
+        told = f"a part cannot be named {name!r}, which is no plain folder name"
+        raise PreparationError(f"{where}{told}: rename its mesh file")
+    if len(os.fsencode(name)) > _LONGEST_NAME:
+        told = f"a part is named after its file, and {len(os.fsencode(name))} bytes are too many for a folder's name"
+        raise PreparationError(f"{where}{told} ({_LONGEST_NAME} at most): rename its mesh file")
     return parts / name
 
 

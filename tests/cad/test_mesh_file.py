@@ -141,6 +141,24 @@ def test_step_comes_in_mm_whatever_its_unit(inches: bool, tmp_path: Path) -> Non
     assert part.is_closed
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("END-ISO-10303-21;", "END-ISO-10303-21;" + "\n" * 5000),
+        ("END-ISO-10303-21;", "END-ISO-10303-21 ;"),
+        ("END-ISO-10303-21;", "END-ISO-10303-21;\nSIGNATURE\n" + "A" * 5000 + "\nENDSEC;\n"),
+        ("ISO-10303-21;\nHEADER", "\ufeffISO-10303-21;\nHEADER"),
+    ],
+    ids=["newlines", "blank", "signature", "mark"],
+)
+def test_whole_step_files_that_are_unusual(old: str, new: str, tmp_path: Path) -> None:
+    pytest.importorskip("cascadio", reason="STEP support is an extra: pip install acp_lab[step]")
+    path, text = tmp_path / "box.step", step_box((40.0, 20.0, 10.0))
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    assert path.read_text(encoding="utf-8") != text
+    np.testing.assert_allclose(Part.from_file(path).box_size, [40.0, 20.0, 10.0], rtol=1e-6)
+
+
 def test_damaged_step_files_end_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("cascadio", reason="STEP support is an extra: pip install acp_lab[step]")
     text = step_box((40.0, 20.0, 10.0))
@@ -408,6 +426,17 @@ def test_legal_files_that_are_unusual(name: str, data: bytes, tmp_path: Path) ->
     assert part.vertices.shape == (8, 3)
     assert part.faces.shape == (12, 3)
     assert part.is_closed
+
+
+@pytest.mark.parametrize("missing", [1, 5])
+def test_an_ascii_ply_with_more_than_it_promises_is_refused(missing: int, tmp_path: Path) -> None:
+    path = tmp_path / "more.ply"
+    path.write_bytes(FILES["ascii.ply"].replace(b"element face 12", b"element face %d" % (12 - missing)))
+    promised = f"holds 20 lines, but its header promises 8 vertices and {12 - missing} faces: export it again"
+    with pytest.raises(InputFileError, match=rf"more\.ply: {promised}"):
+        Part.from_file(path)
+    path.write_bytes(FILES["ascii.ply"] + b"\n \n")
+    assert len(Part.from_file(path).faces) == 12
 
 
 def test_a_binary_stl_with_more_than_it_promises_is_refused(tmp_path: Path) -> None:

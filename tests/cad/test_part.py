@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -230,6 +231,24 @@ def test_float32_numbers_far_from_the_origin(unit_mm: float) -> None:
     far = unit_mm * (stored + np.float32(1e6 / unit_mm)).astype(float)
     with pytest.raises(PartError, match=r"ball: is 40 mm large .* up to 1e\+06 mm.*: put the CAD origin near the part"):
         clean_mesh(far, mesh.faces, "ball", unit_mm)
+
+
+@pytest.mark.parametrize("away", [6e3, 1e6, 1e8])
+@pytest.mark.parametrize("suffix", [".stl", ".ply"])
+def test_a_single_vertex_far_away_is_named(away: float, suffix: str, tmp_path: Path) -> None:
+    mesh = box()
+    vertices = np.array(mesh.vertices)
+    vertices[3] = (away, 0.0, 5.0)
+    path = tmp_path / f"spike{suffix}"
+    trimesh.Trimesh(vertices, mesh.faces, process=False).export(path)
+    told = re.escape(f"{path}: a vertex is [{away}, 0.0, 5.0], far from all others")
+    with pytest.raises(PartError, match=told):
+        Part.from_file(path)
+
+
+def test_a_part_far_too_large_has_no_stray_vertex() -> None:
+    with pytest.raises(PartError, match="more than 5 m"):
+        Part.from_mesh(1000.0 * np.array(box().vertices), box().faces, "box")
 
 
 def test_sizes_and_normals() -> None:

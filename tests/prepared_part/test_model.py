@@ -26,6 +26,7 @@ from acp_lab.generator.painted.image_generator import RegionAutoencoder
 from acp_lab.generator.painted.quality import GenerationQuality
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
+from acp_lab.locks import only_writer
 from acp_lab.prepared_part import (
     DEFAULT_EDGE_BREAK_MM,
     FORMAT_VERSION,
@@ -479,6 +480,28 @@ def test_a_pipe_in_the_folder_is_not_waited_for(folder: Path, name: str) -> None
 def test_a_name_that_is_no_plain_folder_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(PreparationError, match="cannot be named"):
         part_folder(tmp_path, name)
+
+
+@pytest.mark.parametrize(
+    ("file", "shown"),
+    [(".hidden.stl", "parts/.hidden.stl"), ("...stl", "parts/...stl"), ("a\x1b[31m.stl", r"'parts/a\x1b[31m.stl'")],
+)
+def test_such_a_name_is_told_with_the_file_that_has_it(tmp_path: Path, file: str, shown: str) -> None:
+    mesh = Path("parts") / file
+    with pytest.raises(PreparationError) as caught:
+        part_folder(tmp_path, mesh.stem, mesh)
+    assert str(caught.value).startswith(f"{shown}: a part cannot be named ")
+    assert str(caught.value).endswith(": rename its mesh file")
+
+
+def test_a_name_that_is_too_long_for_a_folder(tmp_path: Path) -> None:
+    """Of bytes, not of letters; its lock has to find a place, too."""
+    for name in ("x" * 249, "ß" * 124):
+        with only_writer(part_folder(tmp_path, name), "this part"):
+            part_folder(tmp_path, name).mkdir()
+    for name in ("x" * 250, "ß" * 125):
+        with pytest.raises(PreparationError, match=r"250 bytes are too many .*: rename its mesh file"):
+            part_folder(tmp_path, name, Path(f"{name}.stl"))
 
 
 @pytest.mark.parametrize("name", ["obj_000001", "Halter 3 (links)", "größe", "v1.2"])
