@@ -185,7 +185,7 @@ def _read_step(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
     end = _STEP_END.search(data)
     if b"ISO-10303-21" not in data[:4096] or end is None:
         raise InputFileError(f"{path}: cut off, or no STEP file (lacks END-ISO-10303-21): export it again")
-    # A signature may follow it, a blank stand within it and a mark before it all: OpenCASCADE gets what all writers write.
+    # A signature may follow, a blank stand within it and a mark before it all: OpenCASCADE gets the plain words.
     whole = data[: end.start()].removeprefix(BYTE_ORDER_MARK) + b"END-ISO-10303-21;\n"
     with native_output_silenced():  # errors are told in one line, below
         glb = cascadio.load(whole, file_type="step", tol_linear=STEP_TOLERANCE_MM, tol_angular=STEP_TOLERANCE_RAD)

@@ -211,6 +211,8 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         ("clip", ("--chessboard", "7x5"), "needs --views and --square-mm"),
         ("clip", ("--intrinsics", "1,2,3"), "fx,fy,cx,cy"),
         ("0", INTRINSICS, "give --max-frames"),
+        ("clip", ("--chessboard", "100000x100000"), "two whole numbers up to 100"),
+        ("clip", ("--chessboard", "7x5", "--square-mm", "1e300"), "give 1000 at most"),
     ],
 )
 def test_bad_usage(

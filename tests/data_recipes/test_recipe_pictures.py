@@ -130,3 +130,11 @@ def test_a_sheet_of_any_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().err.startswith("error: ")
     assert sheets.main([str(root), "--out", str(tmp_path / "sheet.xyz")]) == 2
     assert "give a .png or .jpg file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "most"), [("--columns", 50), ("--width", 2000)])
+def test_a_sheet_has_a_size_that_can_be(option: str, most: int, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        sheets.main(["set", "--out", "sheet.png", option, "1000000000000"])
+    assert f"give {most} at most" in capsys.readouterr().err
+    assert sheets._small(np.zeros((20, 900, 3), np.uint8), 10).shape == (1, 10, 3)
