@@ -276,6 +276,20 @@ def test_starting_from_a_file(capsys: pytest.CaptureFixture[str], dataset: Path,
     assert [row.obj_id for row in read_results(tmp_path / "results.csv")] == [4] * len(FRAME_IDS)
 
 
+def test_estimates_of_a_file_are_not_given_poses(dataset: Path, parts: Path, tmp_path: Path) -> None:
+    """A detector or a tracker is never quite sure, as whoever knows is."""
+    with ResultsWriter(tmp_path / "poses.csv") as writer:
+        for object_id, score in zip(OBJECT_IDS, (0.97, 1.0), strict=True):
+            writer.append(ResultRow(1, 0, object_id, score, true_pose(0, object_id)))
+    options = TrackOptions(parts=parts, out=tmp_path / "r.csv", dataset=dataset)
+    (given,) = scene_jobs(options)
+    assert given.found == frozenset()
+    (job,) = scene_jobs(replace(options, init=str(tmp_path / "poses.csv")))
+    assert job.found == {OBJECT_IDS[0]}
+    (other,) = scene_jobs(replace(options, init=str(tmp_path / "poses.csv"), objects=OBJECT_IDS[1:]))
+    assert other.found == frozenset()
+
+
 def test_a_run_starts_where_its_start_poses_do(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
 ) -> None:

@@ -19,7 +19,7 @@ from acp_lab.errors import InputFileError
 from acp_lab.evaluation import add_mm
 from acp_lab.geometry.pose import rotation_angle_deg, transform
 from acp_lab.sequences.frame import Frame
-from acp_lab.sequences.json_file import read_pose
+from acp_lab.sequences.json_file import read_pose, was_found
 from acp_lab.tracking.find import Detection, Finder
 from acp_lab.tracking.snap import SnapResult
 from tests.display.open_widgets import open_widgets
@@ -66,6 +66,7 @@ def test_a_scripted_drag_from_beside_snaps_to_the_part(seed: int, tmp_path: Path
     # The points went along, and the file says the same.
     np.testing.assert_allclose(aligner.editor.points, aligner.points_at(aligner.cam_T_obj))
     aligner.save(tmp_path / "POSE.json")
+    assert was_found(tmp_path / "POSE.json")
     np.testing.assert_allclose(read_pose(tmp_path / "POSE.json"), aligner.cam_T_obj, atol=1e-9)
     assert aligner.is_saved
     aligner.path.value = str(tmp_path / "POSE.json")
@@ -83,6 +84,7 @@ def test_what_was_not_snapped_is_saved_with_a_word(aligner: PoseAligner, tmp_pat
     aligner.path.value = str(tmp_path / "POSE.json")
     aligner._save_as_told()
     assert "not snapped" in aligner.message.value
+    assert not was_found(tmp_path / "POSE.json")
     assert aligner.is_saved
     aligner.snapped = SnapResult(aligner.cam_T_obj, 0.17, 0.1, 0.17, 0.9, None, np.zeros(0), is_good=False)  # type: ignore[arg-type]
     aligner._save_as_told()

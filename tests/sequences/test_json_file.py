@@ -11,7 +11,7 @@ import pytest
 
 from acp_lab.errors import InputFileError
 from acp_lab.input_file import read_json_object
-from acp_lab.sequences.json_file import read_pose, write_json, write_pose
+from acp_lab.sequences.json_file import read_pose, was_found, write_json, write_pose
 from tests.sequences.tiny_dataset import pose, pose_entry
 
 IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1]
@@ -23,6 +23,10 @@ def test_a_pose_reads_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_pose(path), pose(3), atol=1e-12)
     write_pose(tmp_path / "again.json", pose(3))
     np.testing.assert_allclose(read_pose(tmp_path / "again.json"), pose(3), atol=1e-12)
+    assert not was_found(tmp_path / "again.json")
+    write_pose(tmp_path / "again.json", pose(3), found=True)
+    np.testing.assert_allclose(read_pose(tmp_path / "again.json"), pose(3), atol=1e-12)
+    assert was_found(tmp_path / "again.json")
 
 
 @pytest.mark.parametrize(
