@@ -151,15 +151,23 @@ def test_a_second_view_asks_for_the_pictures_from_its_place_on(tmp_path: Path) -
 def test_the_kernel_passes_on_which_view_moved_the_film() -> None:
     film = FilmCanvas(picture_of, 5)
     seek = film.seek
-    film._hear(None, {"kind": "at", "frame": 3, "view": "left"}, [])
-    assert (film.place, film.leader, film.seek) == (3, "left", seek)
-    film.frame = 1
-    assert (film.place, film.leader) == (1, ""), "the kernel leads all views, by seek"
+
+    def tell(view: str, frame: int, by_hand: bool) -> tuple[str, int]:
+        film._hear(None, {"kind": "at", "frame": frame, "view": view, "by_hand": by_hand}, [])
+        return film.leader, film.place
+
+    assert tell("left", 1, by_hand=True) == ("left", 1)
+    assert tell("left", 2, by_hand=False) == ("left", 2), "it plays"
+    assert tell("right", 4, by_hand=True) == ("right", 4)
+    assert tell("left", 3, by_hand=False) == ("right", 4), "it plays, and has not heard of the other hand yet"
+    assert film.seek == seek
+    film.frame = 0
+    assert tell("right", 1, by_hand=False) == ("right", 1), "a film goes on playing where the kernel put it"
 
 
 def test_of_two_views_the_one_follows_the_hand_on_the_other(tmp_path: Path) -> None:
     trial = """
-    const model = new Model({ ...state });
+    const model = new Model({ ...state, count: 200, interval_ms: 5 });
     const [left, right] = [page(), page()];
     widget.render({ model, el: left });
     widget.render({ model, el: right });
@@ -169,24 +177,34 @@ def test_of_two_views_the_one_follows_the_hand_on_the_other(tmp_path: Path) -> N
       model.set("leader", view), model.set("place", frame);
       for (const name of ["leader", "place"]) model.actions[`change:${name}`].forEach((action) => action());
     };
-    pictures(model, 0, 1, 2, 3, 4);
+    for (let frame = 0; frame < 200; frame++) pictures(model, frame);
     a.press("play");
-    await wait(() => at().length); // a playing view tells, whoever hears of it
-    passOn(at()[0]);
-    const first = [a.plays(), b.count()[0] === String(at()[0].frame + 1)];
-    b.slide(4);
-    await wait(() => at().some(({ view }) => view !== at()[0].view));
-    const [late, hand] = [at()[0], at().find(({ view }) => view !== at()[0].view)];
+    await wait(() => at().length > 1); // it tells without being asked
+    const [begin, later] = at();
+    passOn(begin);
+    passOn(later);
+    const first = { plays: a.plays(), with: b.count() === `${later.frame + 1} / 200` };
+    b.slide(150);
+    passOn({ ...later, frame: later.frame + 1 }); // the hand on the second view is not thrown back
+    const held = b.count();
+    await wait(() => at().some(({ view }) => view !== begin.view));
+    const hand = at().find(({ view }) => view !== begin.view);
     passOn(hand);
     const second = [a.plays(), a.count(), b.count()];
-    // What the first view told before it heard of the second one's hand: both go there.
-    passOn({ ...late, frame: 1 });
-    tell({ first, second, late: [a.count(), b.count()], loops: at().length });
+    const told = at().length;
+    // Two hands at a time, and the kernel heard that of the first view last.
+    passOn({ ...begin, frame: 7 });
+    await new Promise((done) => setTimeout(done, 150));
+    const hands = [begin, later, hand].map(({ by_hand }) => by_hand);
+    tell({ first, held, second, both: [a.count(), b.count()], hands, echoes: at().length - told });
     """
     told = in_node(tmp_path, FilmCanvas._esm, _FILM + trial)
-    assert told["first"] == [True, True]
-    assert told["second"] == [False, "5 / 5", "5 / 5"]
-    assert told["late"] == ["2 / 5", "2 / 5"]
+    assert told["first"] == {"plays": True, "with": True}
+    assert told["held"] == "151 / 200"
+    assert told["second"] == [False, "151 / 200", "151 / 200"]
+    assert told["both"] == ["8 / 200", "8 / 200"]
+    assert told["hands"] == [True, False, True]
+    assert told["echoes"] == 0, "who follows tells nothing"
 
 
 def test_a_film_without_a_kernel_shows_what_it_has_and_says_so(tmp_path: Path) -> None:

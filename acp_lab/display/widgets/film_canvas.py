@@ -51,7 +51,7 @@ class FilmCanvas(PointCanvas):
     place = traitlets.Int(0).tag(sync=True)
     """The frame, whoever moved it: where a view that is made anew begins, and where one goes that another one leads."""
     leader = traitlets.Unicode("").tag(sync=True)
-    """The view whose hand moved the film, "" for the kernel; it alone does not go to `place`, being ahead of it."""
+    """The view whose hand moved the film last; it alone does not go to `place`, being ahead of it."""
     edition = traitlets.Int(0).tag(sync=True)
     """Counts up when all pictures change: those on their way are then of no use."""
 
@@ -86,19 +86,20 @@ class FilmCanvas(PointCanvas):
 
     @traitlets.observe("frame")
     def _tell_browser(self, _: object) -> None:
-        with self.hold_sync():
-            self.place = self.frame
-            if not self._is_told:
-                self.leader = ""
-                self.seek = (self.seek[0] + 1, self.frame)
+        self.place = self.frame
+        if not self._is_told:
+            self.seek = (self.seek[0] + 1, self.frame)
 
     def _hear(self, widget: Any, content: dict[str, Any], buffers: Any) -> None:
         kind = content.get("kind")
         if kind == "at":
+            view = str(content.get("view", ""))
+            if view != self.leader and not content.get("by_hand", True):
+                return  # it plays on until it hears that a hand moved another view
             self._is_told = True
             try:
                 with self.hold_sync():
-                    self.leader = str(content.get("view", ""))
+                    self.leader = view
                     self.frame = int(content["frame"])
             finally:
                 self._is_told = False

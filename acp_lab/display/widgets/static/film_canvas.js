@@ -9,7 +9,8 @@ class FilmCanvas extends PointCanvas {
     this.film = this.model;
     this.timer = 0;
     this.id = Math.random().toString(36).slice(2); // of this view of the film
-    this.leads = false; // whether this view's hand was the last one, as far as it knows
+    this.byHand = false; // whether a hand moved it since the kernel was told
+    this.leads = false; // whether that hand was the last one, as far as this view knows
     this.film.arrived = (frame) => frame === this.film.at && (this.showControls(), this.showFrame());
     this.film.cutOff = () => this.showText();
     this.film.ask();
@@ -30,7 +31,7 @@ class FilmCanvas extends PointCanvas {
     this.slider.type = "range";
     this.slider.min = 0;
     this.slider.setAttribute("aria-label", "frame");
-    this.slider.addEventListener("input", () => this.goTo(Number(this.slider.value)));
+    this.slider.addEventListener("input", () => this.moveTo(Number(this.slider.value)));
     this.count = html("span", "acp-place", bar);
   }
 
@@ -62,7 +63,7 @@ class FilmCanvas extends PointCanvas {
   // ---- playing
 
   play() {
-    if (this.film.next() < 0) this.goTo(0);
+    this.moveTo(this.film.next() < 0 ? 0 : this.film.at);
     this.due = performance.now();
     this.timer = setTimeout(() => this.tick(), 0);
     this.showControls();
@@ -92,14 +93,19 @@ class FilmCanvas extends PointCanvas {
 
   step(by) {
     this.pause();
-    this.goTo(Math.min(Math.max(this.film.at + by, 0), this.film.count - 1));
+    this.moveTo(Math.min(Math.max(this.film.at + by, 0), this.film.count - 1));
+  }
+
+  // The hand moves it, not the time.
+  moveTo(frame) {
+    this.byHand = this.leads = true;
+    this.goTo(frame);
   }
 
   goTo(frame, tells = true) {
     this.film.at = frame;
     this.showControls();
     if (this.film.kept.has(frame)) this.showFrame();
-    if (tells) this.leads = true;
     if (tells && !this.telling) {
       this.telling = setTimeout(() => {
         this.telling = 0;
@@ -110,14 +116,14 @@ class FilmCanvas extends PointCanvas {
   }
 
   tell() {
-    this.film.send({ kind: "at", frame: this.film.at, view: this.id });
+    this.film.send({ kind: "at", frame: this.film.at, view: this.id, by_hand: this.byHand });
+    this.byHand = false;
   }
 
-  // Go where another view's hand put the film. What this view told itself while it did not know of that hand moved the
-  // other one, and counts here, too.
+  // Go where the hand on another view put the film. Of two hands at a time the last one counts, for both.
   follow() {
     const leader = this.model.get("leader");
-    if (!leader || (leader === this.id && this.leads)) return;
+    if (!leader || this.byHand || (leader === this.id && this.leads)) return;
     this.leads = false;
     clearTimeout(this.telling);
     this.telling = 0;
