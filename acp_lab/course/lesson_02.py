@@ -57,12 +57,15 @@ def one_way(answer: Any) -> str:
         a, b = rng.uniform(0.0, 100.0, (count_a, 2)), rng.uniform(0.0, 100.0, (count_b, 2))
         apart = np.linalg.norm(a[:, None] - b[None], axis=2)
         found = as_number(there(a, b), "one number, a distance in px")
-        if near(found, float(apart.min(1).mean()), 1e-6):
+        right, back = float(apart.min(1).mean()), float(apart.min(0).mean())
+        if near(found, right, 1e-6):
             continue
-        back = float(apart.min(0).mean())
+        if any(near(found, round(right, digits), 1e-12) for digits in range(7)):
+            raise Hint("Right, but rounded: return the number as it is.")
         wrong = (
             (back, "That is the way back: every point of a looks for one of b."),
-            (0.5 * (back + float(apart.min(1).mean())), "That is the mean of both directions; one is asked for."),
+            (0.5 * (back + right), "That is the mean of both directions; one is asked for."),
+            (back + right, "Both directions are added up; one is asked for."),
             (float(apart.mean()), "That is the mean over all pairs; only the nearest counts."),
             (float(apart.min(1).max()), "That is the largest of the nearest distances (Hausdorff's); take their mean."),
             (float(apart.min(1).sum()), "The sum grows with the number of points; take the mean."),

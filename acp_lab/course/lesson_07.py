@@ -64,7 +64,7 @@ def rigid_pull(answer: Any) -> str:
         raise Hint("That is the share of the length; the question is about its square.")
     if near(share, rigid_share(np.eye(8)[1], redundant), absolute=0.003):
         raise Hint("That point was pulled down, not to the right.")
-    if near(share, 0.75, absolute=_CLOSE):
+    if near(share, 0.75, absolute=0.015):
         raise Hint("That is the mean over all pulls; this one is a particular one.")
     raise Hint("Write the pull as eight numbers, x first, point 1 first; rigid_share does the rest.")
 
@@ -99,6 +99,14 @@ def _compare_steps(
             "In other units this would be another step: multiply the diagonal, do not add to it.",
         ),
         (np.linalg.solve(normal, gradient), "Right without damping: now multiply the diagonal by 1 + damping."),
+        (
+            np.linalg.solve((1.0 + damping) * normal, gradient),
+            "This is the undamped step divided by 1 + damping: of the matrix, only the diagonal is to be multiplied.",
+        ),
+        (
+            _marquardt(jacobian, residuals, weights, damping) / (1.0 + damping),
+            "Right but for a division by 1 + damping: that factor belongs on the diagonal alone.",
+        ),
     )
     for step, hint in wrong:
         if _same(found, np.asarray(step, np.float64)):

@@ -46,6 +46,10 @@ def posterior_by_hand(answer: Any) -> str:
             raise Hint("Right up to a factor: the twelve probabilities must add up to 1.")
         if np.allclose(share, right[::-1], rtol=1e-6, atol=1e-12):
             raise Hint("The order is turned round: the first place is the innermost one.")
+        if np.allclose(share, right_posterior(inside, STEP[::-1]), rtol=1e-6, atol=1e-12):
+            raise Hint("The step is turned round: its first value belongs to the innermost segment of a window.")
+        if _are_logarithms(found, right, (STEP * windows + (1.0 - STEP) * (1.0 - windows)).prod(1)):
+            raise Hint("These are logarithms: take exp of their sums, then let the twelve add up to 1.")
         half = (STEP * windows).prod(1)
         if np.allclose(share, half / half.sum(), rtol=1e-6, atol=1e-12):
             raise Hint("A segment is the part's, or it is not: add the second case, (1 - step) times (1 - inside).")
@@ -54,6 +58,16 @@ def posterior_by_hand(answer: Any) -> str:
             raise Hint("All eight segments of a window must be as they are: multiply them, do not add.")
         raise Hint("For place d look at inside[d : d + 8]: how probable is it, segment by segment, given the step?")
     return "That is all that a line knows. A tracker adds up the logarithms of up to two hundred of them."
+
+
+def _are_logarithms(found: FloatArray, right: FloatArray, product: FloatArray) -> bool:
+    """Whether these are logarithms of the right posterior, up to a constant, or divided by their own sum."""
+    odds = np.exp(found - found.max())
+    logs, total = np.log(product), found.sum()
+    return bool(
+        np.allclose(odds / odds.sum(), right, rtol=1e-6, atol=1e-12)
+        or (np.allclose(found * logs.sum(), logs * total, rtol=1e-6, atol=1e-12) and total != 0.0)
+    )
 
 
 @exercise("13.2")
@@ -68,4 +82,6 @@ def how_far(answer: Any) -> str:
         raise Hint("Nearly: between twelve places there are eleven steps.")
     if near(abs(found), (PLACES - 1) * SCALE, 0.001):
         raise Hint("That is the way from the innermost to the outermost place; the line starts in the middle.")
+    if near(abs(found), 0.5 * (PLACES - 1), 0.001) or near(abs(found), PLACES - 1, 0.001):
+        raise Hint(f"That is in segments; the question is about px, and a segment has {SCALE} of them.")
     raise Hint("The step is tried at twelve places, one segment apart, evenly about the middle of the line.")

@@ -33,6 +33,9 @@ def test_one_way() -> None:
     [
         (lambda a, b: apart(a, b).min(0).mean(), "way back"),
         (lambda a, b: 0.5 * (apart(a, b).min(0).mean() + apart(a, b).min(1).mean()), "both directions"),
+        (lambda a, b: apart(a, b).min(0).mean() + apart(a, b).min(1).mean(), "added up"),
+        (lambda a, b: round(apart(a, b).min(1).mean(), 4), "rounded"),
+        (lambda a, b: round(apart(a, b).min(1).mean(), 2), "rounded"),
         (lambda a, b: apart(a, b).mean(), "all pairs"),
         (lambda a, b: apart(a, b).min(1).max(), "largest"),
         (lambda a, b: apart(a, b).min(1).sum(), "sum"),

@@ -33,6 +33,8 @@ def test_step() -> None:
         (lambda j, r, w, d: (j * w[:, None]).T @ r, "the gradient"),
         (lambda j, r, w, d: solve(j, r, w, 0.0, d), "multiply the diagonal"),
         (lambda j, r, w, d: solve(j, r, w, 0.0), "without damping"),
+        (lambda j, r, w, d: solve(j, r, w, 0.0) / (1.0 + d), "undamped step divided"),
+        (lambda j, r, w, d: solve(j, r, w, d) / (1.0 + d), "a division"),
         (lambda j, r, w, d: 2.0 * solve(j, r, w, d), "normal equations"),
         (lambda j, r, w, d: solve(j, r, w, d)[:3], "one step"),
         (lambda j, r, w: solve(j, r, w, 0.0), "stopped with TypeError"),
@@ -66,5 +68,6 @@ def test_rigid_pull() -> None:
     hints("07.3", rigid_share(np.eye(8)[1], redundant()), "down")
     hints("07.3", 0.1, "eight numbers")
     hints("07.3", 5.0, "between 0 and 1")
-    said = hints("07.3", 0.75, "mean over all pulls")
-    assert f"{right:.2f}" not in said
+    for mean in (0.75, 0.7575, 0.76):
+        said = hints("07.3", mean, "mean over all pulls")
+        assert f"{right:.2f}" not in said

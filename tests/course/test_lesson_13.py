@@ -14,6 +14,10 @@ def windows(inside):  # type: ignore[no-untyped-def]
     return np.lib.stride_tricks.sliding_window_view(inside, 8)
 
 
+def log_sums(inside, step):  # type: ignore[no-untyped-def]
+    return np.log(step * windows(inside) + (1 - step) * (1 - windows(inside))).sum(1)
+
+
 def test_posterior() -> None:
     passes("13.1", right_posterior)
 
@@ -33,6 +37,10 @@ def test_made_lines_end_where_they_say(place: int) -> None:
             lambda p, s: (q := (s * windows(p) + (1 - s) * (1 - windows(p))).sum(1)) / q.sum(),
             "multiply",
         ),
+        (lambda p, s: right_posterior(p, s[::-1]), "step is turned round"),
+        (log_sums, "logarithms"),
+        (lambda p, s: log_sums(p, s) / log_sums(p, s).sum(), "logarithms"),
+        (lambda p, s: np.log(right_posterior(p, s)), "logarithms"),
         (lambda p, s: np.full(PLACES, 1 / PLACES), "inside[d : d + 8]"),
         (lambda p, s: p, "twelve probabilities"),
         (3.0, "the function itself"),
@@ -48,7 +56,14 @@ def test_how_far() -> None:
 
 @pytest.mark.parametrize(
     ("wrong", "fragment"),
-    [(9.5 * SCALE, "beyond them"), (6 * SCALE, "eleven"), (11 * SCALE, "middle"), (1.0, "twelve places")],
+    [
+        (9.5 * SCALE, "beyond them"),
+        (6 * SCALE, "eleven"),
+        (11 * SCALE, "middle"),
+        (5.5, "in segments"),
+        (11, "in segments"),
+        (1.0, "twelve places"),
+    ],
 )
 def test_wrong_distances(wrong: float, fragment: str) -> None:
     hints("13.2", wrong, fragment)
