@@ -1,6 +1,7 @@
 """Which distance between poses counts for a part: ADD, or ADD-S where models_info.json lists symmetries.
 
-Scores, explanations, studies and displays all ask here, so that they never measure one part in two ways.
+Scores, explanations and displays all ask here, so that they never measure one part in two ways. (Studies of what poses
+the images allow, such as `studies.pose_bound`, ask for ADD of the pose as it is.)
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Geometry of one camera and one rigid part: cameras, poses, pose steps, homographies, splines and PnP.
 
-Plain NumPy on small float64 arrays, and nothing of edges, images or trackers. docs/conventions.md spells out axes,
+NumPy on small float64 arrays, the loops of each frame compiled, and nothing of edges or trackers; of images only what
+undoes a lens (`Undistorter`, cv2) and warps by splines (kornia). docs/conventions.md spells out axes,
 pixel centres, units and names.
 """
 

@@ -1,6 +1,7 @@
 """Image processing that several layers share: Canny edges, exact distance maps, Chamfer distances.
 
-Small wrappers of cv2 and SciPy that fix their defaults where these are inexact or change from run to run.
+Small wrappers of cv2 and SciPy that fix their defaults where these are inexact or change from run to run, and beside
+them what each frame needs of its image and no library has, as compiled loops.
 """
 
 from __future__ import annotations

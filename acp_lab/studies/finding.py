@@ -130,10 +130,11 @@ def spread_scores(detector: Detector, seen: TemplateView, reach_px: float) -> Sp
     response = finish(responses(seen.image, replace(detector.config, spread_px=reach_px)))
     scores = template_scores(response, seen.offsets, seen.bins)
     column, row = np.rint(seen.centre).astype(int)
-    around = scores[row - 2 : row + 3, column - 2 : column + 3]
+    top, left = max(row - 2, 0), max(column - 2, 0)
+    around = scores[top : row + 3, left : column + 3]
     at_truth = float(around.max())
-    row += int(np.unravel_index(around.argmax(), around.shape)[0]) - 2
-    column += int(np.unravel_index(around.argmax(), around.shape)[1]) - 2
+    row = top + int(np.unravel_index(around.argmax(), around.shape)[0])
+    column = left + int(np.unravel_index(around.argmax(), around.shape)[1])
     others = scores.copy()
     others[max(row - 9, 0) : row + 10, max(column - 9, 0) : column + 10] = -np.inf
     below = np.flatnonzero(scores[row] < 0.5 * at_truth)

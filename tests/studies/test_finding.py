@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -82,6 +83,13 @@ def test_the_template_next_to_the_truth_stands_out_and_wider_when_edges_reach_fu
     assert four.at_truth > four.elsewhere
     assert four.at_truth > one.at_truth
     assert four.width_px > one.width_px
+
+
+def test_a_part_in_the_corner_has_scores_as_well() -> None:
+    frame, pose = seen()
+    view = replace(template_view(finder().detector, frame, pose), centre=np.array([1.0, 0.0]))
+    corner = spread_scores(finder().detector, view, 4.0)
+    assert corner.at_truth == corner.scores[:3, :4].max()
 
 
 def test_directions_tell_a_turned_part_from_the_true_one() -> None:
