@@ -401,7 +401,8 @@ def detect(
 ) -> tuple[Detection, ...]:
     """Where is the part in a frame? Up to `top` hypotheses, the best first; () when nothing resembles it.
 
-    For several frames make one `Finder`: it keeps its templates.
+    For several frames make one `Finder`: it keeps its templates. A tracker that starts there is told so,
+    `tracker.start(frame, detection.cam_T_obj, found=True)`.
 
     Raises:
         PreparationError: the part has neither templates nor visibility networks.

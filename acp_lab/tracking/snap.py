@@ -99,6 +99,8 @@ class SnapResult:
 def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapConfig | None = None) -> SnapResult:
     """The pose near a hand-set one (4, 4) that the frame agrees with best; takes a few seconds.
 
+    A tracker that starts there is told so, `tracker.start(frame, result.cam_T_obj, found=True)`.
+
     Raises:
         GeometryError: it is no pose: mirrored, scaled, not finite.
         TrackingError: at the given pose the part is behind the camera, outside the image or shows too few edges.
