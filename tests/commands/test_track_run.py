@@ -364,6 +364,24 @@ def test_so_does_one_of_a_video(capsys: pytest.CaptureFixture[str], dataset: Pat
     assert_one_error(outcome, "--first-frame 3", "--init")
 
 
+@pytest.mark.parametrize("is_found", [False, True])
+def test_a_pose_file_says_whether_its_pose_was_found(
+    dataset: Path, parts: Path, tmp_path: Path, is_found: bool
+) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    write_pose(tmp_path / "pose.json", true_pose(0), found=is_found)
+    options = TrackOptions(
+        parts=parts,
+        out=tmp_path / "r.csv",
+        video=dataset / "test" / "000001" / "rgb",
+        mesh=dataset / "models" / "obj_000001.ply",
+        camera=tmp_path / "camera.json",
+        init=str(tmp_path / "pose.json"),
+    )
+    (job,) = scene_jobs(options)
+    assert job.found == (frozenset({1}) if is_found else frozenset())
+
+
 def test_a_frame_in_the_middle_that_cannot_be_read(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
 ) -> None:
