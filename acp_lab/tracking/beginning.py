@@ -84,7 +84,7 @@ class Beginning:
         turned = self._turn_checker.at_start(frame, started.solution, clock)
         if turned is None:
             return started
-        return self._begun_anew(frame, look, turned, TURNED, config, clock) or started
+        return self._begun_anew(frame, look, turned, False, TURNED, config, clock) or started
 
     def _asked_again(
         self, frame: Frame, look: Look, start: FloatArray, started: Started, config: TrustedStart, clock: Stopwatch
@@ -97,20 +97,30 @@ class Beginning:
         elsewhere = second_opinion(question, solver, self._finder(), config, self._assessment.quality, clock)
         if elsewhere is None:
             return started
-        for pose, note in ((elsewhere, "the detector finds it elsewhere"), (start, "")):
-            again = self._begun_anew(frame, look, pose, note, config, clock)
+        for pose, found, note in ((elsewhere, True, "the detector finds it elsewhere"), (start, False, "")):
+            again = self._begun_anew(frame, look, pose, found, note, config, clock)
             if again is not None:
                 return again
         return None
 
     def _begun_anew(
-        self, frame: Frame, look: Look, cam_T_obj: FloatArray, note: str, config: TrustedStart, clock: Stopwatch
+        self,
+        frame: Frame,
+        look: Look,
+        cam_T_obj: FloatArray,
+        found: bool,
+        note: str,
+        config: TrustedStart,
+        clock: Stopwatch,
     ) -> Started | None:
-        """The first frame, begun with a pose (4, 4) that nobody gave, or that was doubted: nothing is to be trusted."""
+        """The first frame, begun with a pose (4, 4) that nobody gave, or that was doubted: nothing is to be trusted.
+
+        found: whether the pose is as the detector found it, and no solver yet.
+        """
         self._solver.forget()
         self._solver.magnify(frame.camera, cam_T_obj)
         seen = look(cam_T_obj)
-        again = None if seen is None else begin(self._solver, look, seen, config, clock)
+        again = None if seen is None else begin(self._solver, look, seen, config, clock, found)
         return None if again is None else replace(again, trusted=False, measures=config.measures, note=note)
 
     def not_seen(self, frame: Frame, cam_T_obj: FloatArray) -> TrackingError:

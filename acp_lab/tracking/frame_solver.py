@@ -193,10 +193,13 @@ class FrameSolver:
         except GeometryError:
             return None
 
-    def settle(self, seen: SeenFrame, solution: Solution, clock: Stopwatch) -> Solution:
+    def settle(
+        self, seen: SeenFrame, solution: Solution, clock: Stopwatch, levels: tuple[Level, ...] | None = None
+    ) -> Solution:
         """A solution of a first frame, once it is known what the part's edges have in common (`edge_traits`).
 
-        Its edges tell that, which moves where they are told to lie, and so the pose; twice over.
+        Its edges tell that, which moves where they are told to lie, and so the pose; twice over. levels: of these
+        solves, by default those of the schedule that are near.
         """
         schedule = self.method.schedule
         if not self.knowledge.has_traits or not isinstance(schedule, PixelSchedule):
@@ -206,7 +209,8 @@ class FrameSolver:
             if matches is None:
                 break
             self.knowledge.learn_traits(matches, afresh=True)
-            solution = self.solve(seen, seen.view.at_pose(solution.cam_T_obj), clock, schedule.near) or solution
+            at = seen.view.at_pose(solution.cam_T_obj)
+            solution = self.solve(seen, at, clock, levels or schedule.near) or solution
         return solution
 
     def look_at(self, seen: SeenFrame, at: Estimate, level: Level, clock: Stopwatch) -> Solution | None:

@@ -136,6 +136,8 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
             f"{frame.index} ({frame.camera.width}x{frame.camera.height}); move the start onto it"
         )
     there, best = _asked_again(model, solver, look, frame, start, found[1], config) or found
+    # What the part's edges have in common, once more is known of the pose, moves where they lie, and so its distance.
+    best = solver.settle(there, best, Stopwatch(), config.last_levels)
     quality = Confidence().of(best)
     before, after = (
         _agreement(solver, at, pose, config.judge) for at, pose in ((seen, start), (there, best.cam_T_obj))
