@@ -6,7 +6,8 @@ looked at, quickly and with few samples; the solver runs from those that agree b
 best of these is refined on every visible sample. From a start that is farther off, the search of a tracker's first
 frame goes on from the rim of its cloud (`search.search_on`); where that ends counts if it is better. What is better
 is asked both ways (`search.both_ways`): of the part's edges in the image, and of the image's edges in the part.
-And the detector is asked whether the part is elsewhere (`second_opinion`), if the part's views are stored.
+And the detector is asked whether the part is elsewhere (`second_opinion`), if the part's views are stored. What the
+part's edges have in common, as broken ones do, is taken in at the end (`FrameSolver.settle`): it moves the distance.
 The same start gives the same result.
 """
 
