@@ -51,16 +51,15 @@ def read_pose(path: str | Path) -> FloatArray:
     """cam_T_obj (4, 4) of a POSE.json; raises InputFileError, one line, for whatever is wrong with the
     file."""
     path = Path(path)
-    return pose_of(read_json_object(path, f"write the start pose as {_POSE_EXAMPLE}"), f"{path}: the pose")
+    return pose_of(_pose_object(path), f"{path}: the pose")
 
 
 def was_found(path: str | Path) -> bool:
     """Whether a POSE.json says that its pose was found in the image, as by snap: `"found": true`.
 
-    InputFileError as of `read_pose`.
+    InputFileError for a file that holds no JSON object.
     """
-    read_pose(path)
-    return read_json_object(Path(path), "").get("found") is True
+    return _pose_object(Path(path)).get("found") is True
 
 
 def write_pose(path: str | Path, cam_T_obj: FloatArray, found: bool = False) -> None:
@@ -75,6 +74,10 @@ def write_pose(path: str | Path, cam_T_obj: FloatArray, found: bool = False) -> 
         raise InputFileError(f"{path}: the pose would replace a file that is not a pose: choose another name")
     values = {"cam_R_m2c": cam_T_obj[:3, :3].ravel().tolist(), "cam_t_m2c": cam_T_obj[:3, 3].tolist()}
     write_json(path, values | {"found": True} if found else values)
+
+
+def _pose_object(path: Path) -> dict[str, Any]:
+    return read_json_object(path, f"write the start pose as {_POSE_EXAMPLE}")
 
 
 def _is_pose(path: Path) -> bool:

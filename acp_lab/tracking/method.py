@@ -33,7 +33,6 @@ CAD's own edge samples. Any other sum of parts is a method too, by `dataclasses.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
@@ -123,7 +122,7 @@ class Method:
         judges_matches = any(isinstance(target, NormalSearch) for target in self.targets[:1])
         learns_samples = isinstance(self.learning, SampleLearning)
         sees_contours = any(isinstance(target, ContourRegions | EdgeConfidence) for target in self.targets)
-        learning = [target.kind for target in self.targets if target.learns]
+        learners = [f'"{target.kind}"' for target in self.targets if target.learns]
         binds_levels = any(isinstance(target, NormalSearch) and target.bind == "level" for target in self.targets)
         sees_regions = any(isinstance(target, RegionLines) for target in self.targets)
         varies_points = isinstance(self.variables, ControlPointVariables)
@@ -168,8 +167,8 @@ class Method:
                 'give direction = "rigid", or lengths = "image"',
             ),
             (
-                not learning or not isinstance(self.learning, Off),
-                f"targets.kind = {json.dumps(learning)[1:-1]}: what it keeps of frames, as colours, must be learnt: "
+                not learners or not isinstance(self.learning, Off),
+                f"targets.kind = {', '.join(learners)}: what it keeps of frames, as colours, must be learnt: "
                 'give learning.kind = "targets"',
             ),
             (
@@ -177,7 +176,7 @@ class Method:
                 'targets.kind = "contour-regions", "edge-confidence": needs outlines: give source.kind = "cad-samples"',
             ),
             (
-                not isinstance(self.learning, TargetLearning) or bool(learning),
+                not isinstance(self.learning, TargetLearning) or bool(learners),
                 'learning.kind = "targets": no target of this method learns by itself: give learning.kind = "off"',
             ),
             (

@@ -194,7 +194,7 @@ def follow_sequence(
             if not isinstance(frame, UnreadableFrame):
                 check_frame(frame)
             of_frame = {
-                object_id: tracker.start(frame, starts[object_id], **({"found": True} if object_id in found else {}))
+                object_id: _started(tracker, frame, starts[object_id], object_id in found)
                 if number == 0 and isinstance(frame, Frame)
                 else tracker.track(frame)
                 for object_id, tracker in trackers.items()
@@ -204,6 +204,11 @@ def follow_sequence(
     if number < 0:
         raise SequenceError(f"{sequence.name}: there is no frame to track")
     return info
+
+
+def _started(tracker: PartTracker, frame: Frame, cam_T_obj: FloatArray, is_found: bool) -> TrackResult:
+    """The first frame, from a pose (4, 4). Trackers of others need not know of poses that were found."""
+    return tracker.start(frame, cam_T_obj, found=True) if is_found else tracker.start(frame, cam_T_obj)
 
 
 class _Keeper:

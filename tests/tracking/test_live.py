@@ -83,6 +83,14 @@ def test_it_finds_the_part_and_follows_it(loop: LiveLoop, spectator: Spectator) 
     assert [row.im_id for row in loop.rows] == sorted(row.im_id for row in loop.rows)
 
 
+def test_what_it_finds_is_not_taken_for_exact(loop: LiveLoop, spectator: Spectator) -> None:
+    loop.look()
+    loop.begin()
+    assert loop.wait(LAST)
+    assert len(loop.rows) == spectator.enough
+    assert not loop._tracker.start_was_trusted
+
+
 def test_a_hand_stops_the_film_and_starts_it_with_a_pose_of_that_frame(loop: LiveLoop, spectator: Spectator) -> None:
     loop.begin()
     frame = loop.hold()
