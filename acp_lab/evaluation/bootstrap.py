@@ -47,7 +47,9 @@ def bootstrap_mean(sequences: Sequence[FloatArray], draws: int = 2000, seed: int
     rng = np.random.default_rng(seed)
     means = np.stack([_drawn_means(np.atleast_2d(frames), draws, rng) for frames in sequences], axis=1)
     picked = rng.integers(0, len(sequences), (draws, len(sequences)))
-    drawn = np.take_along_axis(means, picked, 1).mean(1)
+    # A sequence that is drawn twice has its runs and blocks drawn twice: each place takes those of another draw.
+    others = (np.arange(draws)[:, None] + np.arange(len(sequences))) % draws
+    drawn = means[others, picked].mean(1)
     low, high = np.quantile(drawn, [0.025, 0.975])
     return Interval(float(np.mean([frames.mean() for frames in sequences])), float(low), float(high))
 

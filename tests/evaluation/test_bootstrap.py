@@ -55,6 +55,13 @@ def test_the_mean_that_is_drawn_is_the_mean() -> None:
     assert 0.5 * (interval.low + interval.high) == pytest.approx(interval.mean, abs=0.01)
 
 
+def test_a_sequence_drawn_twice_has_its_blocks_drawn_twice() -> None:
+    """Of sequences that are alike it does not matter which are drawn: each of n adds blocks of its own."""
+    frames = np.tile(np.repeat([1.0, 0.0], 20), 10)
+    one, many = (bootstrap_mean([frames] * count, 20_000) for count in (1, 16))
+    assert many.high - many.low == pytest.approx((one.high - one.low) / 4.0, rel=0.1)
+
+
 def test_runs_of_a_sequence_are_drawn() -> None:
     """Half the starts come to the part and half do not: which were drawn decides, however many frames there are."""
     runs = np.repeat([[1.0], [0.0]] * 3, 50, axis=1)
