@@ -93,7 +93,9 @@ FUSED = Method(
     name="fused",
     targets=(
         NormalSearch(),
-        RegionLines(50, 15.0, ColourConfig(0.1, 9, 1e-4, 0.9), 3.0, 0.5, 1.5, (0.1, 0.2), 0.5, 1.0, 0.3, 2.0, 1.5, 3.0),
+        RegionLines(
+            50, 15.0, ColourConfig(0.1, 9, 1e-4, 0.9), 3.0, 0.5, 1.5, (0.1, 0.2), 0.5, 1.0, 0.3, 2.0, 1.5, 3.0, 0.4
+        ),
     ),
     priors=(MotionPrior(0.5), ControlPointDamping()),
     prediction=KalmanPrediction(1.0, 2.0, 0.1, 5.0, 0.15, 1.5, 2.5, 3.0, 2.0, 0.3),

@@ -12,6 +12,7 @@ speak at coarse levels only.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -65,11 +66,13 @@ class RegionLines:
         smooth_share: how much more lines count at fine levels where the outline is no crease.
         fade_px: segments, of a px at the finest level, from the line's middle beyond which its posterior counts less.
         same_view_deg: how far the part may turn, as the camera sees it, until rays ask anew how far its lines are free.
+        most_offset_mm: that colours may lie beside the CAD's outline.
     """
 
     kind: ClassVar[str] = "regions"
     searches: ClassVar[bool] = False
     learns: ClassVar[bool] = False
+    in_mm: ClassVar[Mapping[str, int]] = {"most_offset_mm": 1}
     lines: int = 200
     reach_px: float = 12.0
     colours: ColourConfig = field(default_factory=ColourConfig)
@@ -83,6 +86,7 @@ class RegionLines:
     smooth_share: float = 6.0
     fade_px: float = 2.5
     same_view_deg: float = 2.0
+    most_offset_mm: float = 0.6
 
     def __post_init__(self) -> None:
         check_precision(self.precision)
@@ -97,6 +101,7 @@ class RegionLines:
             ("smooth_share", 0.0 <= self.smooth_share <= 1000.0, "0 to 1000"),
             ("fade_px", 0.0 <= self.fade_px <= 1000.0, "segments from 0 to 1000"),
             ("same_view_deg", 0.0 <= self.same_view_deg <= 30.0, "degrees from 0 to 30"),
+            ("most_offset_mm", 0.0 <= self.most_offset_mm < float("inf"), "mm, 0 or more"),
         )
         for name, good, wanted in checks:
             if not good:
@@ -193,7 +198,8 @@ class RegionMemory:
         found_px, weights = lines.posterior(1, self.config.fade_px)
         if trusted:
             near = seen & (weights > CLEAR) & (np.abs(found_px) < 3.0)
-            offsets = np.clip(0.8 * found_px / lines.px_per_mm, -0.6, 0.6)
+            most_mm = self.config.most_offset_mm
+            offsets = np.clip(0.8 * found_px / lines.px_per_mm, -most_mm, most_mm)
             # What was not seen lies, for all that is known, half as far as the others.
             self.offsets_mm[:] = 0.5 * np.median(offsets[near]) if near.sum() > 10 else 0.0
             self.offsets_mm[ids[near]] = offsets[near]
