@@ -1,7 +1,7 @@
 """Find: the part in one frame, without a pose to start from.
 
-The detector says where the part may be; here its best candidates are aligned as the tracker aligns a frame, and the
-image is asked again what it says of the poses that come out.
+The detector says where the part may be; here its best candidates are aligned as a tracker's first frame is
+(`alignment`), and the image is asked again what it says of the poses that come out.
 """
 
 from __future__ import annotations
@@ -24,11 +24,8 @@ from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, check_frame
-from acp_lab.tracking.frame_solver import FrameSolver
+from acp_lab.tracking.alignment import aligning
 from acp_lab.tracking.magnification import USUAL_MAGNIFICATION, MagnifyingGlass, appears_px
-from acp_lab.tracking.method import method_named
-from acp_lab.tracking.search import CLOUD_LEVELS
-from acp_lab.tracking.stopwatch import Stopwatch
 
 ACCEPTED = 0.8
 """From this score on a hypothesis counts as found. On frames of the tuning parts more than 97% of these are right,
@@ -38,14 +35,10 @@ PLACES, ALIGNED_EACH = 24, 3
 """Of a search for each of several parts: places that are looked at, and candidates that are aligned in each."""
 MOST_EACH = 20
 """Of these, so many are told."""
-LEVEL_WORK, LOOK_WORK = 2500.0, 0.015
-"""Of an alignment, see `detection.work`: of a level, and of a pixel that is looked at."""
 _RIVALS = 8
 _MOST_PIXELS = 2_500_000
 """Of a magnified image that is searched."""
 _MARGIN_PX = 40.0
-_LARGE_PX = 250.0
-"""A part that appears more than twice as large is aligned in a halved image: time stays bounded."""
 _SAME_SHARE = 0.1
 """Of the diameter: poses whose points are no further apart are one hypothesis."""
 _APART_SHARE = 0.25
@@ -75,12 +68,11 @@ class Detection:
 class _Looked:
     """What the detector made of one image of a frame.
 
-    look: candidates and a witness. halves: the image, and it halved once, twice and so on; more are added as they are
-    needed. farthest_mm: up to which distance the part was looked for. times: that the frame is magnified.
+    look: candidates and a witness. farthest_mm: up to which distance the part was looked for. times: that the frame is
+    magnified.
     """
 
     look: Look
-    halves: list[Frame]
     farthest_mm: float
     times: int
 
@@ -90,9 +82,6 @@ class _Looked:
             return candidate
         evidence = candidate.evidence
         return replace(candidate, evidence=replace(evidence, size_px=evidence.size_px / self.times))
-
-
-_HALVED = MagnifyingGlass.of(0.5)
 
 
 class Finder:
@@ -107,7 +96,6 @@ class Finder:
         check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
         self.model = model
         self.detector = Detector(model.part, model.best_generator(), config, model.views)
-        self._solver = FrameSolver(model, method_named("acp-edges"))
         vertices = model.part.vertices
         self._points_obj = vertices[:: max(1, len(vertices) // 200)]
         self._turns = model.part.symmetries.transforms()
@@ -147,9 +135,11 @@ class Finder:
         # A candidate has no key but itself; `found` keeps each alive.
         seen_in, aligned = {id(candidate): one for candidate, one in found}, list[Candidate]()
         for candidate in self._distinct((candidate for candidate, _ in found), aligned_most or _RIVALS):
-            aligned.append(candidate)
             if aligned_most > 0:
-                aligned += yield from self._aligned(candidate, seen_in[id(candidate)])
+                # Only that counts: it is where the pose search climbed to that the image speaks best for.
+                aligned += yield from self._aligned(frame, candidate, seen_in[id(candidate)])
+            else:
+                aligned.append(candidate)
         if rival is not None:
             one = self._look_of(rival, looks)
             judged = yield from judging(one.look.witness, rival)
@@ -183,8 +173,7 @@ class Finder:
             if here is None or len(here) == ALIGNED_EACH or self.is_same(pose, (c.cam_T_obj for c in here)):
                 continue
             here.append(candidate)
-            aligned.append(candidate)
-            aligned += yield from self._aligned(candidate, one)
+            aligned += yield from self._aligned(frame, candidate, one)
         by_evidence = sorted(aligned, key=lambda candidate: -candidate.evidence.log_odds)
         distinct = self._distinct(by_evidence, len(by_evidence))
         odds, poses = np.exp([c.evidence.log_odds for c in distinct]), [c.cam_T_obj for c in distinct]
@@ -199,9 +188,9 @@ class Finder:
                 found.append(Detection(pose, score, self._view_obj(pose)))
         return tuple(found)
 
-    def _aligned(self, candidate: Candidate, one: _Looked) -> Steps[list[Candidate]]:
+    def _aligned(self, frame: Frame, candidate: Candidate, one: _Looked) -> Steps[list[Candidate]]:
         """What becomes of a candidate of a look when it is aligned; empty where it leads nowhere."""
-        pose = yield from self._aligning(one.halves, candidate.cam_T_obj)
+        pose = yield from aligning(self.model, frame, candidate.cam_T_obj)
         if pose is None:
             return []
         judged = yield from judging(one.look.witness, pose)
@@ -226,7 +215,7 @@ class Finder:
                 box = window[0] - room, window[1] - room, window[2] + room, window[3] + room
         image = yield from _magnifying(frame, MagnifyingGlass.of(times), box)
         look = yield from self.detector.search(image.image, image.camera, prior)
-        return [_Looked(look, [image], np.inf, times)]
+        return [_Looked(look, np.inf, times)]
 
     def _looks(self, frame: Frame) -> Steps[list[_Looked]]:
         """The images of a search everywhere: the frame, and magnified twice and so on for a part farther away."""
@@ -242,7 +231,7 @@ class Finder:
                 image = yield from _magnifying(frame, MagnifyingGlass.of(times))
                 share = len(levels) / len(depths)
                 look = yield from self.detector.search(image.image, image.camera, depths=levels, share=share)
-                looks.append(_Looked(look, [image], far, times))
+                looks.append(_Looked(look, far, times))
             times, near = 2 * times, far
         return looks
 
@@ -254,35 +243,6 @@ class Finder:
     def _view_obj(self, cam_T_obj: FloatArray) -> FloatArray:
         eye: FloatArray = eye_position(cam_T_obj) - self.model.part.box_centre
         return eye / max(float(np.linalg.norm(eye)), 1e-9)
-
-    def _aligning(self, halves: list[Frame], pose: FloatArray) -> Steps[FloatArray | None]:
-        """The pose that the tracker's solver makes of one; None where it left the part or saw too little.
-
-        halves: see `_Looked`.
-        """
-        depth = max(float(transform(pose, self.model.part.box_centre)[2]), 1.0)
-        size_px = self.model.part.diameter * halves[0].camera.fx / depth
-        fold = max(0, int(np.log2(max(size_px, 1.0) / _LARGE_PX)))
-        while len(halves) <= fold:
-            halves.append(_HALVED.frame(halves[-1]))
-            yield RESIZE_WORK * halves[-2].image.size
-        frame = halves[fold]
-        region = self._solver.choose_region(pose)
-        seen = self._solver.look(frame.image, frame.camera, pose, region, _MARGIN_PX)
-        if seen is None:
-            return None
-        x0, y0, x1, y1 = seen.view.box
-        yield LOOK_WORK * (x1 - x0) * (y1 - y0)
-        at = seen.view.at_pose(pose)
-        for level in CLOUD_LEVELS:
-            solution = self._solver.solve(seen, at, Stopwatch(), (level,))
-            yield LEVEL_WORK
-            if solution is None or not np.isfinite(solution.cam_T_obj).all():
-                return None
-            at = solution.estimate
-        moved = transform(at.cam_T_obj, self._points_obj) - transform(pose, self._points_obj)
-        far = np.linalg.norm(moved, axis=1).mean() > 0.3 * self.model.part.diameter
-        return None if far else at.cam_T_obj
 
     def is_same(self, cam_T_obj: FloatArray, others: Iterable[FloatArray]) -> bool:
         """Whether a pose (4, 4) is nearly the same as one of others, a symmetric part's equal poses included."""
