@@ -22,6 +22,7 @@ from acp_lab.cad.raycast import RayCaster
 from acp_lab.compiled import kernel
 from acp_lab.errors import PartError
 from acp_lab.geometry.arrays import plain
+from acp_lab.geometry.hull import hull_corners
 
 if TYPE_CHECKING:
     import trimesh
@@ -81,6 +82,11 @@ class EdgeSamples:
     def off_obj(self) -> np.ndarray:
         """(n, 3) the sum of the two face normals: leads off the material."""
         return plain(self.normals_obj.sum(1))
+
+    @cached_property
+    def outermost_obj(self) -> np.ndarray:
+        """(k, 3) mm of the points that can be at the rim of a picture of all of them."""
+        return hull_corners(self.points_obj)
 
     def take(self, rows: np.ndarray) -> EdgeSamples:
         """The samples of `rows` (k,), in that order."""

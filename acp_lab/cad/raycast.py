@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import warnings
 from typing import Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -131,6 +132,16 @@ def make_caster(part: Part) -> RayCaster:
         message = f"embreex does not load ({error}): rays are cast in NumPy, hundreds of times slower"
         warnings.warn(message, RuntimeWarning, stacklevel=2)
         return BruteForceCaster(part.vertices, part.faces)
+
+
+_casters: WeakKeyDictionary[Part, RayCaster] = WeakKeyDictionary()
+
+
+def caster_of(part: Part) -> RayCaster:
+    """The one caster of a part, as of `make_caster`, made when it is first asked for: that takes milliseconds."""
+    if part not in _casters:
+        _casters[part] = make_caster(part)
+    return _casters[part]
 
 
 def depth_map(part: Part, caster: RayCaster, camera: Camera, cam_T_obj: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from math import log
 import numpy as np
 
 from acp_lab.cad.part import Part
-from acp_lab.cad.raycast import RayCaster, make_caster
+from acp_lab.cad.raycast import RayCaster, caster_of
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.detection.config import USUAL_DEPTHS_MM, DetectionConfig, usual_depths_mm
 from acp_lab.detection.edge_maps import removing_specks
@@ -72,7 +72,7 @@ class Detector:
         self._stored_views = views
         self._turns = part.symmetries.transforms()
         self.config = config or DetectionConfig()
-        self._caster: RayCaster = make_caster(part)
+        self._caster: RayCaster = caster_of(part)
 
     def prepare(self) -> None:
         """Make all of it now instead of when it is first asked for; the compiled loops are loaded, too."""

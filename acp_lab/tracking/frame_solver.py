@@ -18,7 +18,6 @@ from acp_lab.errors import GeometryError
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
-from acp_lab.geometry.hull import hull_corners
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.tracking.edge_breaks import BrokenEdges, into_material
@@ -71,7 +70,7 @@ class FrameSolver:
         self._corners_obj = box_corners(model.part)
         # Whatever the view, its outermost edge points are among these.
         knows_samples = self.source.knows_samples
-        self._outermost_obj = hull_corners(model.edges.points_obj) if knows_samples else self._corners_obj
+        self._outermost_obj = model.edges.outermost_obj if knows_samples else self._corners_obj
         self._into_obj = into_material(model.edges)
         self._half_size = 0.5 * model.part.box_size
         self.forget()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from acp_lab.cad.raycast import (
     BruteForceCaster,
     EmbreeCaster,
     RayCaster,
+    caster_of,
     depth_map,
     hit_map,
     make_caster,
@@ -216,3 +219,13 @@ def test_with_embreex_there_is_no_warning(recwarn: pytest.WarningsRecorder) -> N
     pytest.importorskip("embreex", reason="embreex is not installed")
     assert isinstance(make_caster(bushing()), EmbreeCaster)
     assert not recwarn.list
+
+
+def test_a_part_has_one_caster_and_takes_it_along() -> None:
+    part, twin = bushing(), bushing()
+    assert caster_of(part) is caster_of(part)
+    assert caster_of(part) is not caster_of(twin)
+    gone = weakref.ref(caster_of(part))
+    del part
+    gc.collect()
+    assert gone() is None

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from acp_lab.cad.edges import EdgeSamples, facing, unoccluded
 from acp_lab.cad.part import Part
-from acp_lab.cad.raycast import RayCaster, make_caster
+from acp_lab.cad.raycast import RayCaster, caster_of
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
@@ -49,7 +49,7 @@ class EdgeLifter:
     @cached_property
     def _caster(self) -> RayCaster:
         # Only edge points that are no known samples need it.
-        return make_caster(self._part)
+        return caster_of(self._part)
 
     def lift(self, generated: GeneratedEdges, at: Estimate) -> FloatArray:
         """(n, 3) mm in the object frame, NaN where no visible CAD edge is near; known samples are what they are."""

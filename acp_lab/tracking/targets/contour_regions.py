@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from acp_lab.cad.raycast import make_caster
+from acp_lab.cad.raycast import caster_of
 from acp_lab.compiled import kernel
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
@@ -92,7 +92,7 @@ class ContourMemory:
         self.colours = RegionColours(config.colours)
         self.has_looked = False
         self.views = SparseViews(
-            len(model.edges), model.part.box_centre, make_caster(model.part), config.reach_px, _RAY_STEP_PX
+            len(model.edges), model.part.box_centre, caster_of(model.part), config.reach_px, _RAY_STEP_PX
         )
 
     def see(self, view: FrameView, knowledge: SampleKnowledge) -> ContourTarget:

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from acp_lab.cad.raycast import RayCaster, make_caster
+from acp_lab.cad.raycast import RayCaster, caster_of
 from acp_lab.control_points.canonical_frame import eye_position
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
@@ -170,7 +170,7 @@ class RegionMemory:
     @cached_property
     def caster(self) -> RayCaster:
         """Rays against the part."""
-        return make_caster(self.part)
+        return caster_of(self.part)
 
     @property
     def gate(self) -> float:
