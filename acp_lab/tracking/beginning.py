@@ -115,7 +115,7 @@ class Beginning:
     ) -> Started | None:
         """The first frame, begun with a pose (4, 4) that nobody gave, or that was doubted: nothing is to be trusted.
 
-        found: whether the pose is as the detector found it, and no solver yet.
+        found: whether the pose is one that the detector found, see `start.begin`.
         """
         self._solver.forget()
         self._solver.magnify(frame.camera, cam_T_obj)
