@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -327,6 +328,30 @@ def test_the_distance_map_is_in_its_place(recording: Recording) -> None:
     assert picture.shape == (CAMERA.height, CAMERA.width, 3)
     assert picture[65, 80].sum() > 250  # on the edge: yellow
     assert picture[20, 20].sum() < 20  # outside the crop: nothing
+
+
+def test_a_sequence_may_give_all_its_images_in_one_array(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The encoder is slow here: every image waits until the next one is in the array."""
+    may_go_on = threading.Event()
+
+    def waits(image: ByteImage) -> bytes:
+        may_go_on.wait()
+        return encode_jpeg(image)
+
+    monkeypatch.setattr("acp_lab.display.replay.images.encode_jpeg", waits)
+    replay = Replay(tmp_path / "run.rrd")
+    replay.on_start(SessionInfo("clip", 1, "acp", (TrackedObject(1, box()),)))
+    buffer = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    levels = [0, 60, 120, 180]
+    for number, level in enumerate(levels):
+        buffer[:] = level
+        frame = Frame(number, buffer, CAMERA)
+        replay.on_frame(frame, {1: result(frame, 1)})
+    may_go_on.set()
+    replay.on_end()
+    images = Recording.read(tmp_path / "run.rrd").on_frames("/camera/image", "blob")
+    decoded = [cv2.imdecode(np.array(row.value[0], np.uint8), cv2.IMREAD_COLOR) for row in images]
+    np.testing.assert_allclose([image.mean() for image in decoded], levels, atol=3)
 
 
 @pytest.mark.parametrize("noise", [0, 20])

@@ -37,7 +37,8 @@ def draw_key_frames(
 
     Raises SequenceError for a frame that the sequence or a run does not have, or that cannot be read.
     """
-    images = {frame.index: frame for frame in sequence.frames() if frame.index in set(frame_ids)}
+    wanted = (frame for frame in sequence.frames() if frame.index in set(frame_ids))
+    images = {frame.index: frame.to_keep() for frame in wanted if isinstance(frame, Frame)}
     for row, (name, run) in enumerate(runs.items()):
         if object_id not in run.results:
             raise SequenceError(f"{name}: object {object_id} was not tracked: there are {sorted(run.results)}")
@@ -45,7 +46,7 @@ def draw_key_frames(
         edges, error = TrueEdges(run.parts[object_id]), AddPercent(run.parts[object_id])
         for column, frame_id in enumerate(frame_ids):
             frame, found = images.get(frame_id), poses.get(frame_id)
-            if not isinstance(frame, Frame) or found is None:
+            if frame is None or found is None:
                 raise SequenceError(f"{name}: there is no picture or no pose of frame {frame_id}: choose another")
             panel, true = axes[row * len(frame_ids) + column], sequence.truth(frame_id, object_id)
             percent = error(found, true)

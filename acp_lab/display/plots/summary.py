@@ -130,7 +130,8 @@ class SummaryPicture:
             read = isinstance(frame, Frame)
             curves.time_ms.append(1e3 * result.timings.total_s if read else math.nan)
         if isinstance(frame, Frame) and frame.index in self._shown:
-            self._pictures.append((frame.index, frame.image, tuple(results[i] for i in sorted(results))))
+            image = frame.to_keep().image
+            self._pictures.append((frame.index, image, tuple(results[i] for i in sorted(results))))
 
     def on_end(self) -> None:
         """Draw and write the picture; nothing when no frame was tracked."""

@@ -42,8 +42,7 @@ MOST_BYTES_TOGETHER = 4_000_000
 class _Job:
     moment: Moment
     entity: str
-    image: ByteImage
-    source: Path | None
+    content: bytes | ByteImage
     opacity: float | None
 
 
@@ -66,12 +65,16 @@ class ImageWriter:
     def put(
         self, moment: Moment, entity: str, image: ByteImage, source: Path | None = None, opacity: float | None = None
     ) -> None:
-        """Log an image at a moment, soon. source: the file that it was decoded from, where there is one."""
+        """Log an image at a moment, soon. source: the file that it was decoded from, where there is one.
+
+        The array may be written anew at once: another image of the sequence may come in it.
+        """
         if self._failure is None:
+            content = _small_jpeg(source, image) or image.copy()
             self._taken += 1
             while self._jobs.qsize() >= MOST_WAITING:
                 time.sleep(WAIT_S)
-            self._jobs.put(_Job(moment, entity, image, source, opacity))
+            self._jobs.put(_Job(moment, entity, content, opacity))
 
     @property
     def expected_bytes(self) -> float:
@@ -110,7 +113,7 @@ class ImageWriter:
                     job.put(None)
 
     def _gather(self, job: _Job) -> None:
-        jpeg = _small_jpeg(job.source, job.image) or encode_jpeg(job.image)
+        jpeg = job.content if isinstance(job.content, bytes) else encode_jpeg(job.content)
         self._encoded_bytes += len(jpeg)
         self._encoded += 1
         gathered = self._gathered.setdefault((job.entity, job.opacity), [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from acp_lab.display.look import GENERATED, TRUTH, WRONG
 from acp_lab.display.plots.key_frames import draw_key_frames
 from acp_lab.errors import SequenceError
 from acp_lab.sequences.altered import AlteredSequence
+from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.session import TrackRun
 from tests.prepared_sample import sample_model, sample_scene
 
@@ -24,6 +26,18 @@ def run() -> TrackRun:
     scene = sample_scene()
     short = AlteredSequence(scene, frame_ids=scene.frame_ids[:3])
     return acp.Tracker(sample_model(), "acp-edges").run(short, start=scene.first_pose)
+
+
+class OneArray(AlteredSequence):
+    """Writes every image into the array of the first one."""
+
+    def frames(self, max_frames: int | None = None) -> Iterator[Frame | UnreadableFrame]:
+        buffer = None
+        for frame in super().frames(max_frames):
+            assert isinstance(frame, Frame)
+            buffer = frame.image.copy() if buffer is None else buffer
+            np.copyto(buffer, frame.image)
+            yield replace(frame, image=buffer)
 
 
 def shifted(run: TrackRun, mm: float) -> TrackRun:
@@ -48,6 +62,15 @@ def test_each_run_has_a_row_and_what_is_off_is_marked(run: TrackRun) -> None:
         percent = float(title.split()[-1].rstrip("%"))
         assert percent == pytest.approx(30.0, abs=5.0) if TRUTH in colours else percent < 2.0
         assert np.ptp(panel.get_xlim()) < panel.images[0].get_array().shape[1]
+
+
+def test_a_sequence_may_give_all_its_images_in_one_array(run: TrackRun) -> None:
+    scene = sample_scene()
+    expected, drawn = Figure().subplots(1, 2), Figure().subplots(1, 2)
+    draw_key_frames(expected, {"near": run}, scene, (0, 2))
+    draw_key_frames(drawn, {"near": run}, OneArray(scene), (0, 2))
+    for one, other in zip(expected, drawn, strict=True):
+        np.testing.assert_array_equal(one.images[0].get_array(), other.images[0].get_array())
 
 
 @pytest.mark.parametrize(
