@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 from tests.browser.lab import Lab
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Locator
 
 PREPARE = """
 import acp_lab.prepared_part as prepared_part
@@ -22,11 +27,37 @@ shown
 pytestmark = pytest.mark.usefixtures("closes")
 
 
+SLOW = """
+import time
+from acp_lab.display.widgets import run_comparison
+show_frame = run_comparison.RunComparison._show_frame
+run_comparison.RunComparison._show_frame = lambda self: (time.sleep(0.1), show_frame(self))
+"""
+WATCH = """(readout) => {
+    window.seen = [];
+    new MutationObserver(() => window.seen.push(Number(readout.innerText))).observe(
+        readout, { childList: true, characterData: true, subtree: true });
+}"""
+
+
+def check_that_the_film_never_goes_back(lab: Lab, panel: Locator) -> None:
+    """While it plays and the kernel needs longer for a picture than one is shown."""
+    lab.kernel(SLOW)
+    panel.locator(".widget-readout").first.evaluate(WATCH)
+    panel.locator(".widget-play button").first.click()
+    lab.until("shown.frame == shown.slider.max", "shown.frame")
+    lab.page.wait_for_function("(last) => window.seen.at(-1) === last", arg=lab.value("shown.slider.max"))
+    seen = lab.page.evaluate("() => window.seen")
+    assert seen == sorted(seen)
+    lab.kernel("run_comparison.RunComparison._show_frame, shown.frame = show_frame, 0")
+
+
 def test_methods_are_chosen_with_the_mouse_and_films_stand_side_by_side(lab: Lab) -> None:
     panel = lab.open("comparison", PREPARE, SHOW)
     canvases = panel.locator(".acp-canvas")
     canvases.nth(1).locator("image[href]").wait_for(state="attached")
     assert canvases.count() == 2
+    check_that_the_film_never_goes_back(lab, panel)
     lists = panel.locator("select[multiple]")
     lists.nth(0).locator("option", has_text="slet").click(modifiers=["ControlOrMeta"])
     lists.nth(0).locator("option", has_text="acp-edges").click(modifiers=["ControlOrMeta"])

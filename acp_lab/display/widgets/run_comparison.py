@@ -85,7 +85,8 @@ class RunComparison(ipywidgets.VBox):
             side_by_side((self.errors, "3 1 420px"), (self.shares, "2 1 300px")),
             row([self.film, self.play, self.slider], gap="4px 12px"), self._screen,
         ])  # fmt: skip
-        ipywidgets.jslink((self.play, "value"), (self.slider, "value"))
+        # No link of the page's own from one to the other: what the kernel, which comes behind, says of the one would
+        # throw the other back.
         for widget, trait in ((self.play, "value"), (self.slider, "value"), (self.errors, "cursor")):
             traitlets.link((self, "frame"), (widget, trait))
         self.film.observe(lambda _: self._show_film(), "value")
