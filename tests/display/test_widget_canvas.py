@@ -364,6 +364,20 @@ def test_a_canvas_that_is_taken_away_lets_go_of_what_it_holds(tmp_path: Path) ->
     assert on_the_canvas(tmp_path, _HELD + trial) == 0
 
 
+@pytest.mark.parametrize("dragging", [True, False])
+def test_a_page_that_is_loaded_anew_holds_nothing(tmp_path: Path, dragging: bool) -> None:
+    """The one before it could not say any more that it let go; a second view in the same page does not ask again."""
+    trial = f"""
+    model.set("dragging", {str(dragging).lower()});
+    widget.initialize({{ model }});
+    const told = model.saved;
+    model.set("dragging", true);
+    widget.render({{ model, el: page() }});
+    tell([told, model.saved - told, model.get("dragging")]);
+    """
+    assert on_the_canvas(tmp_path, trial) == [int(dragging), 0, True]
+
+
 def test_a_click_with_an_unsteady_hand_turns_nothing(tmp_path: Path) -> None:
     trial = """
     model.set("orbits", true);
