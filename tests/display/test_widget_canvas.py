@@ -378,6 +378,26 @@ def test_a_page_that_is_loaded_anew_holds_nothing(tmp_path: Path, dragging: bool
     assert on_the_canvas(tmp_path, trial) == [int(dragging), 0, True]
 
 
+@pytest.mark.parametrize("restart", [True, False])
+def test_without_a_kernel_nothing_moves_and_that_is_told(tmp_path: Path, restart: bool) -> None:
+    """The page says that the kernel restarts; else it shows when something is to be sent."""
+    gone = "model.actions.comm_live_update.forEach((action) => action());" if restart else "el.of('acp-button')[0]"
+    gone += "" if restart else ".listeners.click();"
+    trial = f"""
+    model.send = () => {{ throw new Error("Cannot send"); }};
+    {gone}
+    held();
+    finger("pointermove", 1, 130.5, 100.5, handle);
+    nextFrame();
+    finger("pointerup", 1, 130.5, 100.5, handle);
+    finger("pointerdown", 2, 50.5, 50.5);
+    finger("pointerup", 2, 50.5, 50.5);
+    tell([model.get("points")[0], model.saved, el.of("acp-status")[0].textContent]);
+    """
+    told = on_the_canvas(tmp_path, _HELD + trial)
+    assert told == [[100, 100], 0, "no kernel answers: run the cell again"]
+
+
 def test_a_click_with_an_unsteady_hand_turns_nothing(tmp_path: Path) -> None:
     trial = """
     model.set("orbits", true);

@@ -10,6 +10,7 @@ const LOUPE_ZOOM = 4;
 const MOST_ZOOM = 64;
 const LEAST_WIDTH_PX = 200;
 const MOST_ASPECT = 10; // of the stage, width by height
+const NO_KERNEL = "no kernel answers: run the cell again";
 
 class Scene {
   constructor(model, el) {
@@ -17,6 +18,7 @@ class Scene {
     this.hidden = new Set(); // labels of overlays that were switched off in the legend
     this.grabbed = []; // indices of the points that the hand holds
     this.picture = 0;
+    this.isCutOff = false; // the kernel was started anew: this widget is not in it
     this.build(el);
     this.showImage();
     this.showView();
@@ -61,7 +63,25 @@ class Scene {
 
   // Undo or reset; not below a hand that holds points, which would put down others than it took up.
   goBack(kind) {
-    if (!this.grabbed.length) this.model.send({ kind });
+    if (!this.grabbed.length) this.say({ kind });
+  }
+
+  say(message) {
+    try {
+      this.model.send(message);
+    } catch {
+      this.cutOff();
+    }
+  }
+
+  // Nobody hears any more what a hand does here: it moves nothing.
+  cutOff() {
+    this.isCutOff = true;
+    this.showAll();
+  }
+
+  isEditable() {
+    return this.model.get("editable") && !this.isCutOff;
   }
 
   // ---- showing
@@ -71,7 +91,7 @@ class Scene {
     this.showOverlays();
     this.showPoints();
     this.showText();
-    const editable = this.model.get("editable");
+    const editable = this.isEditable();
     for (const node of Object.values(this.buttons)) node.hidden = !editable;
   }
 
@@ -162,7 +182,7 @@ class Scene {
     const points = this.model.get("points");
     const labels = this.model.get("labels");
     const active = this.model.get("active");
-    const editable = this.model.get("editable");
+    const editable = this.isEditable();
     const closed = this.model.get("closed") && points.length > 2;
     const shape = closed ? `M${points.map((p) => p.join(" ")).join("L")}Z` : "";
     this.outline.setAttribute("d", shape);
@@ -224,7 +244,7 @@ class Scene {
   showText() {
     const problem = this.model.get("problem");
     this.title.textContent = this.model.get("title");
-    this.status.textContent = problem || this.model.get("status");
+    this.status.textContent = this.isCutOff ? NO_KERNEL : problem || this.model.get("status");
     this.status.setAttribute("role", problem ? "alert" : "status");
   }
 

@@ -1,7 +1,6 @@
 // A PointCanvas that plays a film, with its controls: play, step, repeat, and a slider.
 
 const TELL_MS = 100; // how often the kernel hears where a playing film is
-const NO_KERNEL = "no kernel answers: run the cell again";
 
 class FilmCanvas extends PointCanvas {
   constructor(model, el) {

@@ -31,6 +31,7 @@ class PointCanvas extends Scene {
       "change:title": () => this.showText(),
       "change:editable": () => this.showAll(),
       "change:height_px": () => this.showSize(),
+      comm_live_update: () => this.cutOff(), // said once in the life of a view: when the kernel restarts
     };
     for (const [name, action] of Object.entries(this.changes)) model.on(name, action);
     const canvas = this.svg;
@@ -97,7 +98,7 @@ class PointCanvas extends Scene {
     const inQuad = event.target === this.outline;
     (handle ?? this.svg).focus({ preventScroll: true });
     event.preventDefault();
-    if (this.pointers.size > 1 || !this.model.get("editable") || !(handle || inQuad)) {
+    if (this.pointers.size > 1 || !this.isEditable() || !(handle || inQuad)) {
       this.letGo();
       if (this.pointers.size === 1 && this.model.get("orbits")) {
         this.swing = { from: this.at(event), start: this.model.get("orbit") };
@@ -214,12 +215,12 @@ class PointCanvas extends Scene {
     if (this.drag && event.pointerId === this.drag.id) this.letGo();
     if (known && !this.pressed.moved && event.type === "pointerup" && this.model.get("clickable")) {
       const [x, y] = this.at(event);
-      this.model.send({ kind: "click", x, y });
+      this.say({ kind: "click", x, y });
     }
   }
 
   key(event) {
-    if (!this.model.get("editable") || event.target.closest?.("input, textarea")) return;
+    if (!this.isEditable() || event.target.closest?.("input, textarea")) return;
     const handle = event.target.closest?.(".acp-handle");
     if (event.key === "z" && (event.ctrlKey || event.metaKey)) {
       this.goBack("undo");
