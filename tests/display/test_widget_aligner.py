@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,10 @@ from acp_lab.display.widgets import pose_aligner
 from acp_lab.display.widgets.controls import close_with_parts
 from acp_lab.display.widgets.find_panel import LOOKING
 from acp_lab.display.widgets.pose_aligner import CLICK, DRAG, PoseAligner
+from acp_lab.display.widgets.pose_origin import Origin
 from acp_lab.errors import InputFileError
 from acp_lab.evaluation import add_mm
-from acp_lab.geometry.pose import rotation_angle_deg, transform
+from acp_lab.geometry.pose import make_pose, rotation_angle_deg, so3_exp, transform
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.json_file import read_pose, was_found
 from acp_lab.tracking.find import Detection, Finder
@@ -117,6 +119,37 @@ def test_a_loaded_pose_counts_as_saved_and_its_file_stays_byte_for_byte(
     assert not aligner.is_saved
     aligner.save(file)
     np.testing.assert_allclose(read_pose(file), aligner.cam_T_obj, atol=1e-9)
+
+
+def test_a_pose_is_saved_as_found_until_a_hand_moves_it(aligner: PoseAligner, tmp_path: Path) -> None:
+    file = tmp_path / "POSE.json"
+    aligner.path.value = str(file)
+
+    def saved_as_found() -> bool:
+        aligner._save_as_told()
+        return was_found(file)
+
+    truth = sample_scene().first_pose
+    aligner._take_found(Detection(truth, 0.9, np.array([0.0, 0.0, 1.0])))
+    assert saved_as_found()
+    assert "<b>but not snapped</b>: as the detector found it" in aligner.message.value
+    aligner.load(file)
+    assert aligner.origin is Origin.READ_AS_FOUND
+    assert saved_as_found()
+    assert aligner.message.value.endswith("as it was read")
+    # The very same pose of the hand, then one that was turned.
+    for pose in (truth, truth @ make_pose(so3_exp(np.array([0.0, 0.0, 0.1])), np.zeros(3))):
+        aligner.cam_T_obj = pose
+        assert not saved_as_found()
+        assert "that of your hand alone" in aligner.message.value
+    aligner.load(file)
+    assert aligner.origin is Origin.READ
+    assert not saved_as_found()
+    aligner.snapped = SnapResult(aligner.cam_T_obj, 0.17, 0.1, 0.17, 0.9, None, np.zeros(0), is_good=False)  # type: ignore[arg-type]
+    assert not saved_as_found()
+    aligner.snapped = replace(aligner.snapped, is_good=True)
+    assert saved_as_found()
+    assert aligner.message.value.endswith("POSE.json")
 
 
 def test_a_malformed_pose_is_refused_and_kept(aligner: PoseAligner, tmp_path: Path) -> None:

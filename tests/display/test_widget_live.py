@@ -13,6 +13,7 @@ import acp_lab as acp
 from acp_lab.display.widgets.live_window import LiveWindow
 from acp_lab.errors import InputFileError
 from acp_lab.sequences import read_results
+from acp_lab.tracking.find import Detection
 from tests.display.open_widgets import open_widgets
 from tests.plugged_camera import PluggedCamera
 from tests.prepared_sample import sample_model, sample_scene
@@ -104,6 +105,22 @@ def test_a_cell_that_is_run_again_leaves_no_camera_on(window: LiveWindow) -> Non
         assert other.loop.doing == "ended"
     finally:
         again.loop.stop()
+
+
+def test_a_pose_of_the_detector_is_followed_as_one_that_was_found(
+    window: LiveWindow, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    followed = []
+    monkeypatch.setattr(window.loop, "follow", lambda pose, found: followed.append(found))
+    until(lambda: len(window.canvas.image) > 0)
+    for turn_deg in (0.0, 5.0):
+        window.align()
+        assert window.aligner is not None
+        window.aligner._take_found(Detection(sample_scene().first_pose, 0.9, np.array([0.0, 0.0, 1.0])))
+        if turn_deg:
+            window.aligner.turn((0.0, 0.0, turn_deg))
+        window.follow_aligned()
+    assert followed == [True, False], "the second one was turned by hand"
 
 
 def test_an_aligner_that_is_left_leaves_nothing_behind(window: LiveWindow) -> None:

@@ -109,10 +109,10 @@ class LiveWindow(Still, ipywidgets.VBox):
     def follow_aligned(self) -> None:
         """Follow the part from the aligner's pose on; nothing without an aligner."""
         if self.aligner is not None:
-            pose, is_snapped = self.aligner.cam_T_obj, self.aligner.snapped is not None
+            pose, is_found = self.aligner.cam_T_obj, self.aligner.origin.is_found
             self._leave_aligner()
             self._tell("")
-            self.loop.follow(pose, is_snapped)
+            self.loop.follow(pose, is_found)
 
     def stop(self) -> None:
         """End, and let the camera go; what was tracked can still be saved."""

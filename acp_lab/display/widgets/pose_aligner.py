@@ -36,6 +36,7 @@ from acp_lab.display.widgets.find_panel import LOOKING, FindPanel
 from acp_lab.display.widgets.first_guess import pose_in_the_middle, rotation_seeing
 from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, edge_strokes, residual_strokes
 from acp_lab.display.widgets.point_canvas import PointCanvas
+from acp_lab.display.widgets.pose_origin import Origin
 from acp_lab.display.widgets.still import Still
 from acp_lab.errors import AcpLabError, GeometryError
 from acp_lab.generator.base import GeneratedEdges, project_samples
@@ -45,7 +46,7 @@ from acp_lab.geometry.pose import make_pose, rotation_angle_deg, transform
 from acp_lab.geometry.pose_step import centre_position, move_pose
 from acp_lab.prepared_part import PreparedPart
 from acp_lab.sequences.frame import Frame, check_frame
-from acp_lab.sequences.json_file import read_pose, write_pose
+from acp_lab.sequences.json_file import read_pose, was_found, write_pose
 from acp_lab.tracking.find import Detection
 from acp_lab.tracking.snap import SnapResult, snap
 
@@ -64,11 +65,12 @@ class PoseAligner(Still, ipywidgets.VBox):
     """Finds cam_T_obj in one frame by hand and snap.
 
     cam_T_obj: (4, 4) mm, the present pose; observe it, or assign it, and the points follow. snapped: the last
-    `SnapResult`, None once the pose was moved on; pose_before: (4, 4) from which it was found. mode: whose value is
-    CLICK or DRAG. chooser, picture, pairs: the CAD model, the frame and the corners clicked on both. editor: the frame
-    with the four control points; region: 0..5, whose points they are; cad_view: the CAD model beside it. finder:
-    the detector's hypotheses, `finder.find()`. All buttons are methods: `snap`, `save`, `turn`, `see_from`,
-    `take_other_pose`, `solve_corners`. `load` goes on with the pose of an earlier day.
+    `SnapResult`, None once the pose was moved on; pose_before: (4, 4) from which it was found. origin: where the
+    present pose comes from. mode: whose value is CLICK or DRAG. chooser, picture, pairs: the CAD model, the frame and
+    the corners clicked on both. editor: the frame with the four control points; region: 0..5, whose points they are;
+    cad_view: the CAD model beside it. finder: the detector's hypotheses, `finder.find()`. All buttons are methods:
+    `snap`, `save`, `turn`, `see_from`, `take_other_pose`, `solve_corners`. `load` goes on with the pose of an earlier
+    day.
     """
 
     still = "widget_aligner.png"
@@ -105,6 +107,7 @@ class PoseAligner(Still, ipywidgets.VBox):
         top = row([self.mode, self._snap_button, *save, self.finder.controls], gap="4px 12px")
         columns = side_by_side((self._left, "3 1 420px"), (self._right, "2 1 300px"))
         super().__init__([top, self.message, self.finder, columns], cam_T_obj=pose)
+        self._came = (self.cam_T_obj, Origin.HAND)
         self._untouched = self.cam_T_obj if cam_T_obj is None else None
         self._pose_of_page = self.cam_T_obj
         self.mode.observe(lambda _: self._turn_page(), "value")
@@ -159,7 +162,7 @@ class PoseAligner(Still, ipywidgets.VBox):
         self.path.value = str(path)
         if not os.path.lexists(path):
             return False
-        self.cam_T_obj = read_pose(path)
+        self._take(read_pose(path), Origin.READ_AS_FOUND if was_found(path) else Origin.READ)
         self._saved = self.cam_T_obj
         self.chooser.look(self.cam_T_obj[:3, :3])
         return True
@@ -167,11 +170,21 @@ class PoseAligner(Still, ipywidgets.VBox):
     def save(self, path: str | Path) -> None:
         """Write the pose as POSE.json; InputFileError when the place cannot be written or holds something else.
 
-        A file that holds this very pose already stays as it is, byte for byte.
+        The file says whether the pose was found in the image. One that says all of this already stays as it is, byte
+        for byte.
         """
-        if not _holds(Path(path), self.cam_T_obj):
-            write_pose(path, self.cam_T_obj, found=self.snapped is not None)
+        is_found = self.origin.is_found
+        if not _holds(Path(path), self.cam_T_obj, is_found):
+            write_pose(path, self.cam_T_obj, is_found)
         self._saved = self.cam_T_obj
+
+    @property
+    def origin(self) -> Origin:
+        """Where the present pose comes from: the hand's, as soon as anything else moved it."""
+        if self.snapped is not None:
+            return Origin.SNAP if self.snapped.is_good else Origin.FAILED_SNAP
+        pose, origin = self._came
+        return origin if pose is self.cam_T_obj else Origin.HAND
 
     @property
     def is_saved(self) -> bool:
@@ -243,9 +256,13 @@ class PoseAligner(Still, ipywidgets.VBox):
             self.solve_corners()
 
     def _take_found(self, detection: Detection) -> None:
-        self.cam_T_obj = detection.cam_T_obj
+        self._take(detection.cam_T_obj, Origin.DETECTOR)
         self.chooser.look(self.cam_T_obj[:3, :3])
         self._tell("taken: look whether the edges sit, then snap")
+
+    def _take(self, pose: FloatArray, origin: Origin) -> None:
+        self.cam_T_obj = pose
+        self._came = (self.cam_T_obj, origin)
 
     def _turn_to(self, rotation: FloatArray) -> None:
         """Turn the part about its centre to a rotation (3, 3), object to camera axes."""
@@ -369,13 +386,8 @@ class PoseAligner(Still, ipywidgets.VBox):
         except AcpLabError as error:
             self._tell(str(error))
         else:
-            told = f"the pose is in {path.resolve()}"
-            if self.snapped is None:
-                self._tell(f"{told}, ", "but not snapped", ": that of your hand alone")
-            elif not self.snapped.is_good:
-                self._tell(f"{told}, ", "but snap did not find the part", ": look whether the edges sit")
-            else:
-                self._tell(told)
+            before, bold, after = self.origin.value
+            self._tell(f"the pose is in {path.resolve()}{before}", bold, after)
 
     def _tell(self, text: str, strong: str = "", rest: str = "") -> None:
         """Show plain text, its middle in bold. Names of parts and files are in it: none of it is taken for HTML."""
@@ -383,10 +395,10 @@ class PoseAligner(Still, ipywidgets.VBox):
         self.message.value = f"{before}<b>{bold}</b>{after}" if bold else before
 
 
-def _holds(path: Path, pose: FloatArray) -> bool:
-    """Whether a POSE.json says exactly this pose."""
+def _holds(path: Path, pose: FloatArray, is_found: bool) -> bool:
+    """Whether a POSE.json says exactly this pose, and this of how it came about."""
     try:
-        return bool(np.array_equal(read_pose(path), pose))
+        return bool(np.array_equal(read_pose(path), pose)) and was_found(path) == is_found
     except (AcpLabError, ValueError):  # no file can have such a name: whoever writes there says so
         return False
 
