@@ -18,6 +18,12 @@ from acp_lab.errors import InputFileError
 if TYPE_CHECKING:
     from acp_lab.display.replay.file import ReplayContent, ReplayFile
 
+DIFFERENT_SEQUENCES = "the two replays show different sequences: frame k of one stands beside frame k of the other"
+OTHER_IMAGES = (
+    "the two replays do not show the same images in the same frames: frame k of one stands beside frame k of the "
+    "other; a film, --mp4 FILE.mp4, has the same images beside each other"
+)
+
 
 def show_replays(files: tuple[Path, ...], mp4: Path | None = None, web: bool = False) -> int:
     """Open the viewer on one or two replays and wait until it is closed; the viewer's exit status.
@@ -54,10 +60,14 @@ def _show_one(replay: ReplayFile, open_viewer: Callable[[Path], int]) -> int:
 
 def _compare(replays: list[ReplayFile], open_viewer: Callable[[Path], int]) -> int:
     from acp_lab.display.replay.file import merge_replays
+    from acp_lab.display.replay.frames import images_of
 
     contents = dict(zip("ab", map(_read, replays), strict=True))
-    if contents["a"].scenes != contents["b"].scenes:
-        console.warn("the two replays show different sequences: frame k of one stands beside frame k of the other")
+    one, other = map(images_of, contents.values())
+    if set(one).isdisjoint(other):
+        console.warn(DIFFERENT_SEQUENCES)
+    elif any(a != b for a, b in zip(one, other, strict=False)):
+        console.warn(OTHER_IMAGES)
     with tempfile.TemporaryDirectory(prefix="acp_lab_replay_") as folder:
         both = Path(folder) / "comparison.rrd"
         merge_replays(contents, both)
@@ -65,6 +75,7 @@ def _compare(replays: list[ReplayFile], open_viewer: Callable[[Path], int]) -> i
 
 
 def _make_film(replays: list[ReplayFile], mp4: Path) -> int:
+    from acp_lab.display.replay.frames import images_of
     from acp_lab.display.replay.overlay_video import write_film
 
     if mp4.is_dir():
@@ -73,7 +84,10 @@ def _make_film(replays: list[ReplayFile], mp4: Path) -> int:
         raise InputFileError(f"{mp4}: --mp4 writes MP4 only: name it {mp4.with_suffix('.mp4').name}")
     if any(mp4.resolve() == replay.path.resolve() for replay in replays):
         raise InputFileError(f"{mp4}: --mp4 would overwrite the replay: choose another file")
-    frames = write_film([_read(replay) for replay in replays], mp4, console.Progress())
+    contents = [_read(replay) for replay in replays]
+    if len(contents) > 1 and set(images_of(contents[0])).isdisjoint(images_of(contents[1])):
+        console.warn(DIFFERENT_SEQUENCES)
+    frames = write_film(contents, mp4, console.Progress())
     print(f"{mp4}: written, {frames} frames")
     return 0
 

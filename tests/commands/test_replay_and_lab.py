@@ -117,6 +117,35 @@ def test_two_replays_are_shown_as_one(
     assert not Path(command[3]).exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "begin", "told", "told_of_films"),
+    [
+        ("made/test/000001", 0, "", ""),
+        ("made/test/000001", 1, "do not show the same images in the same frames", ""),
+        ("made/test/000002", 0, "show different sequences", "show different sequences"),
+    ],
+)
+def test_other_images_beside_each_other_are_told(
+    capsys: pytest.CaptureFixture[str],
+    started: list[tuple[list[str], dict[str, Any]]],
+    replay: Path,
+    tmp_path: Path,
+    name: str,
+    begin: int,
+    told: str,
+    told_of_films: str,
+) -> None:
+    pytest.importorskip("av")
+    other = tmp_path / "other.rrd"
+    play([Replay(other)], name=name, begin=begin)
+    for options, expected in (((), told), (("--mp4", tmp_path / "film.mp4"), told_of_films)):
+        done = run(capsys, "replay", replay, other, *options)
+        assert done.status == 0
+        warnings = [line for line in done.err.splitlines() if line.startswith("warning")]
+        assert len(warnings) == bool(expected)
+        assert expected in "".join(warnings)
+
+
 def test_a_torn_replay_is_shown_as_far_as_it_goes(
     capsys: pytest.CaptureFixture[str], started: list[tuple[list[str], dict[str, Any]]], replay: Path
 ) -> None:

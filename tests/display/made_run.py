@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -99,14 +100,16 @@ def play(
     object_ids: tuple[int, ...] = (1,),
     with_truth: bool = True,
     results: Callable[[Frame | UnreadableFrame, int], TrackResult] = result,
+    name: str = "made/test/000001",
+    begin: int = 0,
 ) -> None:
-    """One session from start to end."""
+    """One session from start to end; begin: the first frame, counted, that is tracked."""
     observers = tuple(observers)
     tracked = tuple(TrackedObject(object_id, box()) for object_id in object_ids)
     truth = true_pose if with_truth else None
     for observer in observers:
-        observer.on_start(SessionInfo("made/test/000001", 1, "acp", tracked, truth, len(FRAME_IDS)))
-    for frame in frames():
+        observer.on_start(SessionInfo(name, 1, "acp", tracked, truth, len(FRAME_IDS)))
+    for frame in islice(frames(), begin, None):
         for observer in observers:
             observer.on_frame(frame, {object_id: results(frame, object_id) for object_id in object_ids})
     for observer in observers:

@@ -11,7 +11,7 @@ import pytest
 from acp_lab.display.colours import OBJECT_COLOURS, lighter, to_bytes
 from acp_lab.display.replay.budget import SizeBudget
 from acp_lab.display.replay.file import ReplayContent, check_replay, read_replay
-from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, shown_frames
+from acp_lab.display.replay.frames import ShownFrame, ShownObject, fps_of, images_of, shown_frames
 from acp_lab.display.replay.overlay_video import BACKGROUND, _decode, _drawn, _Panel, in_step, write_film
 from acp_lab.display.replay.recorder import Replay
 from acp_lab.errors import InputFileError
@@ -134,6 +134,26 @@ def test_two_runs_beside_each_other(tmp_path: Path) -> None:
     two, one = decoded(tmp_path / "film.mp4")[0], decoded(tmp_path / "one.mp4")[0]
     assert two.shape[1] == pytest.approx(2 * one.shape[1], abs=2)
     assert two.shape[0] > one.shape[0]  # two objects, two captions
+
+
+def test_scenes_stand_beside_the_same_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two scenes and the second of them: their image ids are the same."""
+    both = Replay(tmp_path / "both.rrd", sessions=2)
+    for name in ("one", "two"):
+        play([both], name=name)
+    play([Replay(tmp_path / "two.rrd")], name="two", begin=1)
+    contents = [read_replay(check_replay(tmp_path / name)) for name in ("both.rrd", "two.rrd")]
+    assert images_of(contents[0]) == [(name, image_id) for name in ("one", "two") for image_id in FRAME_IDS]
+    assert images_of(contents[1]) == [("two", image_id) for image_id in FRAME_IDS[1:]]
+    drawn: list[int] = []
+
+    def watched(panel: _Panel, number: int) -> np.ndarray:
+        drawn.append(number)
+        return _drawn(panel, number)
+
+    monkeypatch.setattr("acp_lab.display.replay.overlay_video._drawn", watched)
+    assert write_film(contents, tmp_path / "film.mp4") == 8
+    assert drawn == [0, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 1, 7, 2]
 
 
 def test_a_replay_without_images(tmp_path: Path) -> None:

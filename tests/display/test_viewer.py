@@ -14,6 +14,7 @@ import pytest
 import traitlets
 
 from acp_lab.display.replay import viewer
+from acp_lab.display.replay.clock import Moment
 from acp_lab.display.replay.images import ImageWriter
 from acp_lab.display.replay.viewer import RunViewer, notebook_viewer, record, show
 from acp_lab.display.widgets.keyboard_guard import KeyboardGuard
@@ -135,6 +136,33 @@ def test_results_with_gaps_go_with_their_own_images(run: TrackRun, monkeypatch: 
     _, moments = record({"": replace(run, results={1: (run.results[1][1], run.results[1][3])})})
     assert [moment.frame for moment in moments] == [0, 1]
     assert put == [(0, 30 * FRAME_IDS[1]), (1, 30 * FRAME_IDS[3])]
+
+
+@pytest.mark.parametrize("late", ["a", "b"])
+def test_two_runs_show_the_same_image_at_the_same_moment(
+    run: TrackRun, monkeypatch: pytest.MonkeyPatch, late: str
+) -> None:
+    """One of them begins later."""
+    shown: dict[str, dict[Moment, int]] = {"a": {}, "b": {}}
+    whole = ImageWriter.put
+
+    def watched(writer: ImageWriter, moment: Moment, entity: str, image: Any, *rest: Any, **more: Any) -> None:
+        if entity.endswith("camera/image"):
+            shown[entity[0]][replace(moment, step=0)] = int(image[0, 0, 0])
+        whole(writer, moment, entity, image, *rest, **more)
+
+    monkeypatch.setattr(ImageWriter, "put", watched)
+    runs = {"a": run, "b": run, late: replace(run, results={1: run.results[1][1:]})}
+    assert len(record(runs)[1]) == len(FRAME_IDS)
+    first, second = shown[late], shown["ba"[late == "b"]]
+    assert len(first) == 2
+    assert first.items() < second.items()
+
+
+def test_an_object_without_results_is_left_out_and_a_run_without_any_refused(run: TrackRun) -> None:
+    assert len(record({"": replace(run, results={2: (), **run.results})})[1]) == len(FRAME_IDS)
+    with pytest.raises(SequenceError, match="no results"):
+        record({"": replace(run, results={1: ()})})
 
 
 def test_of_two_runs_the_longer_one_is_shown_to_its_end(run: TrackRun) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from acp_lab.display.replay.file import ReplayContent
+from acp_lab.display.replay.file import ReplayContent, frames_of
 
 if TYPE_CHECKING:
     from rerun.chunk import Chunk
@@ -38,7 +39,7 @@ class ShownObject:
 
 @dataclass
 class ShownFrame:
-    """One frame. jpeg: the image, None where there is none; time_s: on the replay's timeline.
+    """One frame. jpeg: the image, None where there is none; time_s: on the replay's timeline; scene: its sequence.
 
     is_left_out: the replay keeps no images from somewhere before on, to stay small; else one that is missing could not
     be read. objects: only those that were tracked in this frame.
@@ -49,11 +50,12 @@ class ShownFrame:
     jpeg: bytes | None = None
     is_left_out: bool = False
     objects: dict[str, ShownObject] = field(default_factory=lambda: defaultdict(ShownObject))
+    scene: str = ""
 
 
 def shown_frames(content: ReplayContent) -> list[ShownFrame]:
     """The frames of a replay in their order."""
-    frames = [ShownFrame() for _ in range(content.last_frame + 1)]
+    frames = [ShownFrame(image_id, scene=scene) for scene, image_id in images_of(content)]
     changes: dict[str, dict[int, str]] = defaultdict(dict)
     images_end = len(frames)
     for chunk in content.chunks:
@@ -67,8 +69,6 @@ def shown_frames(content: ReplayContent) -> list[ShownFrame]:
                 frame.jpeg = values.get("blob", frame.jpeg)
                 # Together with the last image it is cleared from the viewer.
                 images_end = min(images_end, number) if "is_recursive" in values else images_end
-            elif kind == "image_id":
-                frame.image_id = int(values["scalars"])
             elif kind == "state" and "state" in values:
                 changes[name][number] = values["state"]
             else:
@@ -78,6 +78,21 @@ def shown_frames(content: ReplayContent) -> list[ShownFrame]:
     for frame in frames[images_end + 1 :]:
         frame.is_left_out = frame.jpeg is None
     return frames
+
+
+def images_of(content: ReplayContent) -> list[tuple[str, int]]:
+    """(scene, image id) of each frame: two replays show the same image where these are the same."""
+    image_ids = [0] * (content.last_frame + 1)
+    scene_starts = {0}
+    for chunk in content.chunks:
+        if str(chunk.entity_path) == "/image_id":
+            for number, values in _rows(chunk):
+                image_ids[number] = int(values["scalars"])
+        elif str(chunk.entity_path) == "/":
+            scene_starts.update(frames_of(chunk))  # all that the scene before it showed is cleared there
+    starts, last = sorted(scene_starts), len(content.scenes) - 1  # a torn file may not say any more what began
+    scenes = [content.scenes[min(bisect_right(starts, number) - 1, last)] for number in range(len(image_ids))]
+    return list(zip(scenes, image_ids, strict=True))
 
 
 def fps_of(frames: list[ShownFrame]) -> float:

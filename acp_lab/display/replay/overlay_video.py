@@ -7,7 +7,7 @@ over the whole film with a mark for now. Two replays run beside each other.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from fractions import Fraction
@@ -86,7 +86,7 @@ def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress
         raise AcpLabError(f"{path}: films need PyAV: pip install av") from None
     _check_replaces_film(path)
     panels = [_panel(content, "AB"[order] if len(contents) > 1 else "") for order, content in enumerate(contents)]
-    numbers = in_step([[frame.image_id for frame in panel.frames] for panel in panels])
+    numbers = in_step([[(frame.scene, frame.image_id) for frame in panel.frames] for panel in panels])
     options = {"movflags": "+faststart"}
     with replacing(path, "the film") as part, av.open(str(part), "w", format="mp4", options=options) as film:
         film.metadata["comment"] = _MADE_BY
@@ -104,13 +104,13 @@ def write_film(contents: Sequence[ReplayContent], path: Path, progress: Progress
     return len(numbers)
 
 
-def in_step(image_ids: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
-    """Which frame of each of one or two films is shown when, by the ids of their images.
+def in_step(images: Sequence[Sequence[Hashable]]) -> list[tuple[int, ...]]:
+    """Which frame of each of one or two films is shown when; images: what each of their frames shows, such as ids.
 
     The same images stand beside each other; where one film lacks some, as that of a run which went on behind another
     does, it waits: in its last frame before, or in its first.
     """
-    first, *others = image_ids
+    first, *others = images
     if not others:
         return [(number,) for number in range(len(first))]
     (second,) = others

@@ -10,10 +10,12 @@ from __future__ import annotations
 import bisect
 import contextlib
 import io
+import operator
 import os
 import sys
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +28,7 @@ from acp_lab.display.replay.images import ImageWriter
 from acp_lab.display.replay.log import RunLog
 from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import AcpLabError, SequenceError
+from acp_lab.sequences.frame import UnreadableFrame
 from acp_lab.tracking.observer import SessionInfo
 from acp_lab.tracking.result import TrackResult
 from acp_lab.tracking.session import TrackRun, check_run
@@ -133,6 +136,8 @@ def record(runs: Mapping[str, TrackRun]) -> tuple[RecordingStream, tuple[Moment,
     for run in runs.values():
         if run.sequence is None or run.session is None or not run.sequence.frame_ids:
             raise SequenceError(f"{run.name}: its images cannot be read again: show a run of a data set or a video")
+        if not any(run.results.values()):
+            raise SequenceError(f"{run.name}: has no results: show a run that tracked at least one frame")
     name = " and ".join(f"{run.name} ({run.method})" for run in runs.values())
     recording = rr.RecordingStream("acp_lab", recording_id=f"{name} {id(runs)}")
     recording.set_log_time_enabled(False)
@@ -140,11 +145,12 @@ def record(runs: Mapping[str, TrackRun]) -> tuple[RecordingStream, tuple[Moment,
     recording.send_recording_name(name)
     recording.send_blueprint(_layout(runs), make_active=True, make_default=True)
     moments: list[Moment] = []
+    frame_ids = sorted({result.frame_id for run in runs.values() for of in run.results.values() for result in of})
     images = ImageWriter(recording)
     try:
         for root, run in runs.items():
             # Two runs may differ in length; the viewer's time goes to the end of the longer one.
-            moments = max(moments, _log_run(recording, images, run, root), key=len)
+            moments = max(moments, _log_run(recording, images, run, root, frame_ids), key=len)
     finally:
         images.close()
     if len(runs) > 1:
@@ -155,14 +161,19 @@ def record(runs: Mapping[str, TrackRun]) -> tuple[RecordingStream, tuple[Moment,
 
 def _layout(runs: Mapping[str, TrackRun]) -> Any:
     first = next(iter(runs.values()))
-    spot = spot_of(_session(first).objects, {object_id: results[0] for object_id, results in first.results.items()})
+    begins = {object_id: results[0] for object_id, results in first.results.items() if results}
+    spot = spot_of(_session(first).objects, begins)
     if len(runs) == 1:
         return single_run(_names(first), spot)
     titles = {root: f"{root.upper()}: {run.method}" for root, run in runs.items()}
     return comparison(titles, {root: _names(run) for root, run in runs.items()}, spot)
 
 
-def _log_run(recording: RecordingStream, images: ImageWriter, run: TrackRun, root: str) -> list[Moment]:
+def _log_run(
+    recording: RecordingStream, images: ImageWriter, run: TrackRun, root: str, frame_ids: Iterable[int]
+) -> list[Moment]:
+    """Log a run; frame_ids: of all that are shown. One that this run lacks takes its time, so that others beside it
+    have the same image at the same moment."""
     assert run.sequence is not None
     log = RunLog(recording, images, _session(run), "all", root=f"{root}/" if root else "", label=root.upper())
     clock, moments = RunningClock(), []
@@ -171,13 +182,17 @@ def _log_run(recording: RecordingStream, images: ImageWriter, run: TrackRun, roo
     for object_id, results in run.results.items():
         for result in results:
             by_image[result.frame_id][object_id] = result
-    last = max(by_image, default=-1)
+    last, coming, has_begun = max(by_image, default=-1), iter(frame_ids), False
     for frame in takewhile(lambda frame: frame.index <= last, run.sequence.frames()):
         if frame.index not in by_image:
             continue
+        for missing in takewhile(partial(operator.ne, frame.index), coming):
+            moments.append(clock.begin(UnreadableFrame(missing, None, "no result")))
+            clock.end(0)
         moments.append(clock.begin(frame))
-        if len(moments) == 1:
-            log.begin(moments[0])
+        if not has_begun:
+            log.begin(moments[-1])
+            has_begun = True
         log.frame(frame, by_image[frame.index], clock)
     log.end()
     return moments
