@@ -21,6 +21,7 @@ from tests.prepared_sample import sample_scene
 
 METHODS = ("acp", "region", "slet")
 ERRORS = {"acp": 0.01, "region": 0.04, "slet": 0.6}
+MOST_FRAMES: dict[SequenceKey, int] = {}
 
 
 @pytest.fixture
@@ -31,9 +32,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Task]:
     def new_runs(missing: list[Task], *_: object):  # type: ignore[no-untyped-def]
         for task in missing:
             tasks.append(task)
-            ids = sample_scene().frame_ids[1 :: task.variant.step]
+            ids = sample_scene().frame_ids[1 :: task.variant.step][: MOST_FRAMES.get(task.sequence)]
             made = made_run([ERRORS[task.method_name]] * len(ids), task.method_name, task.sequence, task.variant)
-            poses = np.array([sample_scene().truth(frame_id, 1)[:3] for frame_id in ids])  # type: ignore[index]
+            poses = np.array([sample_scene().truth(frame_id, 1)[:3] for frame_id in ids]).reshape(-1, 3, 4)  # type: ignore[index]
             yield task, replace(made, frame_ids=ids, poses=poses, state=task.state)
 
     monkeypatch.setattr(spread, "_new_runs", new_runs)
@@ -132,6 +133,27 @@ def test_a_shorter_film_of_more_methods(bench: Workbench, asked: list[Task]) -> 
     shown.compare()
     assert shown.frame == 9
     assert len(shown.canvases) == len(METHODS)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_film_without_a_frame_to_compare_shows_none(
+    bench: Workbench, asked: list[Task], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one image, in which the part was given, nothing is scored."""
+    shown = RunComparison(bench, METHODS)
+    assert shown.canvases[0].image != b""
+    monkeypatch.setitem(MOST_FRAMES, bench.sequences[1], 0)
+    shown.sequences.value = bench.sequences[1:]
+    shown.go.click()
+    assert [canvas.title for canvas in shown.canvases] == [f"{name}: no frame to compare" for name in METHODS[:2]]
+    assert [(canvas.image, canvas.overlays, canvas.view) for canvas in shown.canvases] == [(b"", (), ())] * 2
+    assert shown.shares.curves == ()
+    shown.sequences.value = bench.sequences
+    shown.go.click()
+    assert len(shown.shares.curves) == 2
+    assert shown.canvases[0].image == b"", "the film is still that of the second one"
+    shown.film.value = bench.sequences[0]
+    assert shown.canvases[0].image != b""
 
 
 def test_what_cannot_be_run_is_told(bench: Workbench, asked: list[Task]) -> None:

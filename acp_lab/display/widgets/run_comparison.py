@@ -126,6 +126,8 @@ class RunComparison(ipywidgets.VBox):
         for name in self.report.methods:
             own = [run for run in self.report.runs if run.method == name and run.variant.group == variant.group]
             percent = 100.0 * np.concatenate([run.distance for run in own])
+            if not len(percent):  # sequences of one image, which is where the part was given
+                continue
             shares = np.array([(percent < limit).mean() for limit in _LIMITS])
             curves.append(Curve(shares, self._colour(name), SHARE_ROW, name))
         self.shares.curves = tuple(curves)
@@ -161,7 +163,10 @@ class RunComparison(ipywidgets.VBox):
         self._show_frame()
 
     def _show_frame(self) -> None:
-        if not self._runs or not self._runs[0].frame_ids:
+        if not self._runs:
+            return
+        if not self._runs[0].frame_ids:
+            self._show_nothing()
             return
         at = min(self.frame, len(self._runs[0].frame_ids) - 1)
         frame_id = self._runs[0].frame_ids[at]
@@ -181,6 +186,13 @@ class RunComparison(ipywidgets.VBox):
                 canvas.draw(drawn)
                 canvas.view = _around(drawn[0].coordinates, shelved.size) if drawn else ()
                 canvas.status = shelved.note
+
+    def _show_nothing(self) -> None:
+        for canvas, run in zip(self.canvases, self._runs, strict=True):
+            with canvas.hold_sync():
+                canvas.show(None)
+                canvas.draw(())
+                canvas.title, canvas.view, canvas.status = f"{run.method}: no frame to compare", (), ""
 
     def _colour(self, method: str) -> Colour:
         return COLOURS[list(self.methods.options).index(method) % len(COLOURS)]
