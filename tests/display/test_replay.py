@@ -15,7 +15,7 @@ import pytest
 
 from acp_lab.display.replay.images import JPEG_QUALITY, MOST_BYTES_PER_PIXEL, MOST_WAITING, encode_jpeg
 from acp_lab.display.replay.recorder import Replay
-from acp_lab.errors import InputFileError
+from acp_lab.errors import InputFileError, ParameterError
 from acp_lab.geometry.arrays import ByteImage
 from acp_lab.geometry.pose import transform
 from acp_lab.prepared_part import Trained
@@ -121,6 +121,15 @@ def test_the_time_line_counts_on(tmp_path: Path) -> None:
     for times in ([row.frame for row in rows], [row.step for row in rows]):
         assert times == list(range(2 * len(FRAME_IDS)))
     assert np.all(np.diff([row.time_s for row in rows]) > 0.0)
+
+
+def test_a_replay_is_not_replaced_by_a_second_run(tmp_path: Path) -> None:
+    replay = Replay(tmp_path / "run.rrd")
+    play([replay])
+    written = (tmp_path / "run.rrd").read_bytes()
+    with pytest.raises(ParameterError, match=r"run\.rrd: .* make a new acp\.Replay, or one of sessions=2"):
+        play([replay])
+    assert (tmp_path / "run.rrd").read_bytes() == written
 
 
 def test_known_times_are_taken(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acp_lab.display.replay.clock import GUESSED_FPS, RunningClock
+from acp_lab.display.replay.clock import GUESSED_FPS, LARGEST_S, RunningClock
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from tests.display.made_run import CAMERA
 
@@ -35,6 +35,31 @@ def test_time_never_runs_backwards(readable: str) -> None:
     for _ in range(2):
         assert (np.diff(times_of(clock, readable)) >= 0.0).all()
         clock.new_scene()
+
+
+@pytest.mark.parametrize("unusable", [float("nan"), float("inf"), 1.7e12, -1e300, 10**400])
+def test_times_that_no_timeline_can_show_are_unknown(unusable: float) -> None:
+    """Of some frames, or of all; milliseconds since 1970 among them."""
+    image = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    for known in ([0.0, 0.1, unusable, 0.3, unusable], [unusable] * 5):
+        clock, times = RunningClock(), []
+        for number, time_s in enumerate(known):
+            times.append(clock.begin(Frame(number, image, CAMERA, time_s)).time_s)
+            clock.end(0)
+        step = 0.1 if known[0] == 0.0 else 1.0 / GUESSED_FPS
+        np.testing.assert_allclose(times, step * np.arange(5))
+
+
+def test_the_last_moment_of_a_timeline_is_not_passed() -> None:
+    """Seconds since 1970 in one scene after the other."""
+    image = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    clock, times = RunningClock(), []
+    for number in range(8):
+        clock.new_scene()
+        times.append(clock.begin(Frame(number, image, CAMERA, 1.7e9)).time_s)
+        clock.end(0)
+    assert max(times) <= LARGEST_S < 2.0**63 * 1e-9
+    assert sorted(times) == times
 
 
 def test_a_scene_begins_after_the_last_one_and_guesses_anew() -> None:

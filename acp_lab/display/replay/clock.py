@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 GUESSED_FPS = 30.0
 """For the timeline `time` of sequences that know no times; of others, until the step between two frames is known."""
+LARGEST_S = 9.0e9
+"""A timeline counts nanoseconds in 64 bits. Milliseconds since 1970, taken for seconds, are beyond that."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,12 @@ class RunningClock:
     def begin(self, frame: Frame | UnreadableFrame) -> Moment:
         """When a frame begins; may be asked again until it ends."""
         known = frame.time_s if isinstance(frame, Frame) else None
-        self._is_known = known is not None
-        if known is not None:
+        # No run ends for want of a time that a replay can show.
+        self._is_known = known is not None and bool(-LARGEST_S < known < LARGEST_S)
+        if known is not None and self._is_known:
             # Guesses for frames before it may have gone too far.
-            self._next = replace(self._next, time_s=max(self._scene_start_s + known, self._last_s))
+            time_s = max(self._scene_start_s + float(known), self._last_s)
+            self._next = replace(self._next, time_s=min(time_s, LARGEST_S))
         return self._next
 
     def end(self, iterations: int) -> Moment:
@@ -63,5 +67,5 @@ class RunningClock:
             self._step_s = now.time_s - self._last_s
         self._last_s, self._was_known = now.time_s, self._is_known
         last = replace(now, step=now.step + iterations)
-        self._next = Moment(now.frame + 1, now.time_s + self._step_s, last.step + 1)
+        self._next = Moment(now.frame + 1, min(now.time_s + self._step_s, LARGEST_S), last.step + 1)
         return last

@@ -84,6 +84,7 @@ class Replay:
         self._sent_before, self._sent_in_file = 0, -1
         self._failure: RuntimeError | None = None
         self._lock = ExitStack()
+        self._is_complete = False
 
     @property
     def lacks(self) -> str:
@@ -91,7 +92,12 @@ class Replay:
         return self._budget.told
 
     def on_start(self, session: SessionInfo) -> None:
-        """Forget the last session's things."""
+        """Forget the last session's things; ParameterError for one more session than was announced."""
+        if self._is_complete:
+            raise ParameterError(
+                f"{self.path}: this replay is complete, another run would replace it: make a new acp.Replay, or one of "
+                f"sessions={self._sessions + 1} for both runs in one file"
+            )
         # Names of folders need not be UTF-8, those in a recording must.
         self._session = replace(session, name=session.name.encode("utf-8", "replace").decode())
         self._log = None
@@ -120,7 +126,7 @@ class Replay:
         if self._recording is None or self._images is None:
             return
         recording, images = self._recording, self._images
-        self._recording = self._images = None
+        self._recording, self._images, self._is_complete = None, None, True
         with self._lock:
             try:
                 images.close()
