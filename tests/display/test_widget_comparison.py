@@ -105,6 +105,7 @@ def test_the_film_and_the_curves_are_at_the_same_frame(bench: Workbench, asked: 
     assert shown.canvases[0].image == shown.canvases[2].image != b""
     assert float(max(shown.errors.curves[2].values)) == 20.0
     assert shown.errors.curves[2].row == ADD_ROW
+    assert shown.errors.curves[2].most == 20.0
 
 
 def test_another_sequence_is_another_film(bench: Workbench, asked: list[Task]) -> None:

@@ -65,6 +65,23 @@ def test_a_plot_without_points_is_drawn_in_the_browser(tmp_path: Path) -> None:
     assert told["listeners"] == 0
 
 
+def test_a_value_that_was_cut_is_read_as_cut(tmp_path: Path) -> None:
+    trial = """
+    const curve = (most) => ({ data: bytes(20, 3), colour: "red", row: "ADD", label: "acp", most });
+    const model = new Model({ ...empty, x: bytes(0, 1), curves: [curve(20), curve(null)] });
+    const el = page();
+    widget.render({ model, el });
+    const words = () => el.of("acp-heading")[0].children.map((node) => node.textContent);
+    const readings = () => words().filter((_, i) => i && i % 2 === 0);
+    const first = readings();
+    model.change("cursor", 1);
+    tell([first, readings()]);
+    """
+    first, second = in_node(tmp_path, CurvePlot._esm, _PLOT + trial)
+    assert first == ["acp ≥ 20.0", "acp 20.0"]
+    assert second == ["acp 3.00", "acp 3.00"]
+
+
 def test_a_plot_that_is_taken_away_still_tells_where_its_cursor_was(tmp_path: Path) -> None:
     trial = """
     const model = new Model({ ...empty, x: bytes(0, 10) });

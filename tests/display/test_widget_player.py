@@ -115,6 +115,38 @@ def test_two_objects_can_be_chosen() -> None:
     assert not np.allclose(player.result.cam_T_obj, before)
 
 
+def test_objects_of_other_lengths_are_shown_in_the_same_images() -> None:
+    """The second one begins two images later, the third has no result at all."""
+    whole = run(MadeStream(), (3, 1, 2))
+    results = {3: (), 1: whole.results[1], 2: whole.results[2][2:]}
+    player = TrackPlayer(replace(whole, results=results))
+    assert player.object_id == 1
+    for frame, frame_id in enumerate(FRAME_IDS):
+        player.frame = frame
+        for object_id in (1, 2, 3):
+            player.object.value = object_id
+            assert f"image {frame_id}" in player.canvas.picture().title
+            assert player.curves.x[player.curves.cursor] == frame_id
+            tracked = object_id == 1 or (object_id == 2 and frame >= 2)
+            assert (player.result is not None) == tracked
+            if frame_id != UNREADABLE_ID:
+                assert ("was not tracked in this image" in player.canvas.picture().status) == (not tracked)
+                assert (len(player.canvas.picture().points) > 0) == tracked
+    player.object.value = 2
+    for curve in player.curves.curves:
+        assert np.isfinite(curve.values).tolist() == [False, False, True, True]
+
+
+def test_errors_that_are_cut_are_read_as_cut() -> None:
+    made = run(MadeStream())
+    lost = [replace(one, cam_T_obj=one.cam_T_obj + np.eye(4, k=3) * 300.0) for one in made.results[1]]
+    player = TrackPlayer(replace(made, results={1: tuple(lost)}))
+    cut, *others = player.curves.curves
+    assert cut.most == 20.0
+    np.testing.assert_array_equal(cut.values, 20.0)
+    assert [curve.most for curve in others] == [None, None]
+
+
 def test_what_cannot_be_played() -> None:
     with pytest.raises(SequenceError, match="nothing to play"):
         TrackPlayer(replace(run(MadeStream()), sequence=None))

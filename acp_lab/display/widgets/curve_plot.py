@@ -21,12 +21,14 @@ class Curve:
     """Values (n,) over the plot's x; NaN leaves a gap.
 
     label: beside the value at the cursor. row: the panel's heading, with the unit; curves of one row share it.
+    most: where larger values were cut, as they would flatten the rest; the value at the cursor then says "≥".
     """
 
     values: FloatArray
     colour: Colour
     row: str
     label: str = ""
+    most: float | None = None
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,13 @@ def _floats(values: ArrayLike, _: Any = None) -> memoryview:
 
 def _curves(curves: Iterable[Curve], _: Any = None) -> list[dict[str, Any]]:
     return [
-        {"data": _floats(curve.values), "colour": css_colour(curve.colour), "row": curve.row, "label": curve.label}
+        {
+            "data": _floats(curve.values),
+            "colour": css_colour(curve.colour),
+            "row": curve.row,
+            "label": curve.label,
+            "most": curve.most,
+        }
         for curve in curves
     ]
 

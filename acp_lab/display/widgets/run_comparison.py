@@ -142,9 +142,10 @@ class RunComparison(ipywidgets.VBox):
         runs = tuple(next(run for run in own if run.method == name) for name in self.report.methods)
         ids = runs[0].frame_ids
         self.slider.max = self.play.max = max(len(ids) - 1, 0)
+        percent = [np.minimum(100.0 * run.distance, LARGEST_SHOWN_ADD) for run in runs]
         curves = [
-            Curve(np.minimum(100.0 * run.distance, LARGEST_SHOWN_ADD), self._colour(run.method), ADD_ROW, run.method)
-            for run in runs
+            Curve(shown, self._colour(run.method), ADD_ROW, run.method, LARGEST_SHOWN_ADD)
+            for shown, run in zip(percent, runs, strict=True)
         ]
         with self.errors.hold_sync():
             self.errors.x = tuple(map(float, ids))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import ipywidgets
@@ -32,9 +33,10 @@ LARGEST_SHOWN_ADD = 20.0
 class TrackPlayer(Still, ipywidgets.VBox):
     """Plays, scrubs and steps a `TrackRun`.
 
-    frame: which frame of the run is shown, counted from 0; it moves with all controls, and moves them when it is
-    assigned, so another viewer can lead or follow it (`player.observe(..., "frame")`). object_id: whose results.
-    result: of that frame; canvas.picture(): what is shown of it. canvas, curves: the parts.
+    frame: which frame of the run is shown, counted from 0 over those with results of any object; it moves with all
+    controls, and moves them when it is assigned, so another viewer can lead or follow it (`player.observe(...,
+    "frame")`). object_id: whose results. frame_ids: the images of the frames. result: of the object in that frame;
+    canvas.picture(): what is shown of it. canvas, curves: the parts.
     """
 
     still = "widget_player.png"
@@ -43,7 +45,8 @@ class TrackPlayer(Still, ipywidgets.VBox):
     object_id = traitlets.Int(1)
 
     def __init__(self, run: TrackRun, sequence: Sequence | None = None, object_id: int | None = None) -> None:
-        """sequence: where the images are, by default the one that was tracked; object_id: by default the first.
+        """sequence: where the images are, by default the one that was tracked; object_id: by default the first with
+        results.
 
         Raises SequenceError for a run without a sequence or results, and for an object that was not tracked.
         """
@@ -51,10 +54,13 @@ class TrackPlayer(Still, ipywidgets.VBox):
         sequence = run.sequence if sequence is None else sequence
         if sequence is None or not any(run.results.values()):
             raise SequenceError(f"{run.name}: nothing to play: give the results of track_sequence and their sequence")
-        chosen = next(iter(run.results)) if object_id is None else object_id
+        with_results = (i for i, results in run.results.items() if results)
+        chosen = next(with_results) if object_id is None else object_id
         if chosen not in run.results:
             raise SequenceError(f"{run.name}: no object {chosen}: the run has {sorted(run.results)}")
         self.run, self.sequence = run, sequence
+        self.frame_ids = tuple(sorted({result.frame_id for results in run.results.values() for result in results}))
+        self._results = {i: _of_frames(results, self.frame_ids) for i, results in run.results.items()}
         super().__init__(object_id=chosen)
         self._shelf = FrameShelf(sequence)
         self._add_percent, self._metric = self._errors()
@@ -65,8 +71,8 @@ class TrackPlayer(Still, ipywidgets.VBox):
         self.object.layout.display = None if len(names) > 1 else "none"
         self.curves = CurvePlot((), (), x_label="image id")
         self._show_curves()
-        longest = max(len(results) for results in run.results.values())
-        self.canvas = FilmCanvas(self._picture, longest, closed=True, height_px=500, interval_ms=PLAY_MS)
+        count = len(self.frame_ids)
+        self.canvas = FilmCanvas(self._picture, count, closed=True, height_px=500, interval_ms=PLAY_MS)
         left = ipywidgets.VBox([self.canvas, row([self.follow, self.object], gap="4px 12px")])
         self.children = [side_by_side((left, "3 1 420px"), (self.curves, "2 1 320px"))]
         traitlets.link((self, "frame"), (self.canvas, "frame"))
@@ -76,19 +82,18 @@ class TrackPlayer(Still, ipywidgets.VBox):
         self.observe(lambda _: self._show_object(), "object_id")
 
     @property
-    def results(self) -> tuple[TrackResult, ...]:
-        """Of the chosen object, one per frame."""
-        return self.run.results[self.object_id]
+    def results(self) -> tuple[TrackResult | None, ...]:
+        """Of the chosen object, one per frame; None where it was not tracked."""
+        return self._results[self.object_id]
 
     @property
-    def result(self) -> TrackResult:
+    def result(self) -> TrackResult | None:
         """Of the frame shown."""
-        return self.results[min(self.frame, len(self.results) - 1)]
+        return self.results[self.frame]
 
     @traitlets.validate("frame")
     def _within(self, proposal: dict[str, Any]) -> int:
-        longest = max(len(results) for results in self.run.results.values())
-        return int(np.clip(proposal["value"], 0, longest - 1))
+        return int(np.clip(proposal["value"], 0, len(self.frame_ids) - 1))
 
     def _show_object(self) -> None:
         self._add_percent, self._metric = self._errors()
@@ -99,38 +104,42 @@ class TrackPlayer(Still, ipywidgets.VBox):
         """ADD or ADD-S in percent of the diameter, NaN where nobody knows, and its name."""
         part = self.run.parts.get(self.object_id)
         if part is None:
-            return np.full(len(self.results), np.nan), ""
+            return np.full(len(self.frame_ids), np.nan), ""
         error = AddPercent(part)
-        truths = [self.sequence.truth(result.frame_id, self.object_id) for result in self.results]
-        percent = [error(r.cam_T_obj, truth) for r, truth in zip(self.results, truths, strict=True)]
+        percent = [
+            np.nan if result is None else error(result.cam_T_obj, self.sequence.truth(frame_id, self.object_id))
+            for frame_id, result in zip(self.frame_ids, self.results, strict=True)
+        ]
         return np.array(percent), error.metric
 
     def _show_curves(self) -> None:
         results = self.results
         curves = [
-            Curve(np.array([result.loss for result in results]), GENERATED, LOSS_ROW),
-            Curve(np.array([result.quality for result in results]), TRUTH, QUALITY_ROW),
+            Curve(np.array([np.nan if one is None else one.loss for one in results]), GENERATED, LOSS_ROW),
+            Curve(np.array([np.nan if one is None else one.quality for one in results]), TRUTH, QUALITY_ROW),
         ]
         marks: tuple[Mark, ...] = ()
         if np.isfinite(self._add_percent).any():
             shown = np.minimum(self._add_percent, LARGEST_SHOWN_ADD)
             add_row = f"{self._metric} [% of diameter]"
-            curves.insert(0, Curve(shown, POINTS, add_row))
+            curves.insert(0, Curve(shown, POINTS, add_row, most=LARGEST_SHOWN_ADD))
             limits = [limit for limit in ADD_LIMITS if limit <= max(np.nanmax(shown), ADD_LIMITS[0])]
             marks = tuple(Mark(limit, add_row, f"{limit:g}%") for limit in limits)
         with self.curves.hold_sync():
-            self.curves.x = tuple(float(result.frame_id) for result in results)
+            self.curves.x = tuple(map(float, self.frame_ids))
             self.curves.marks, self.curves.curves = marks, tuple(curves)
 
     def _picture(self, frame: int) -> Picture:
-        number = min(frame, len(self.results) - 1)
-        result = self.results[number]
-        shelved = self._shelf(result.frame_id)
+        frame_id, result = self.frame_ids[frame], self.results[frame]
+        shelved, title = self._shelf(frame_id), f"{self.run.name}, image {frame_id}"
+        if result is None:
+            status = shelved.note or f"object {self.object_id} was not tracked in this image"
+            return Picture(shelved.content, shelved.size, title, status)
         return Picture(
             image=shelved.content,
             image_size=shelved.size,
-            title=f"{self.run.name}, image {result.frame_id}",
-            status=shelved.note or self._told(result, self._add_percent[number]),
+            title=title,
+            status=shelved.note or self._told(result, self._add_percent[frame]),
             points=result.control_points if np.isfinite(result.control_points).all() else (),
             overlays=result_overlays(result),
             view=_view_of(result) if self.follow.value else (),
@@ -141,6 +150,11 @@ class TrackPlayer(Still, ipywidgets.VBox):
         if np.isfinite(add_percent):
             words.insert(1, f"{self._metric} {add_percent:.2f} %")
         return ", ".join([*words, result.note] if result.note else words)
+
+
+def _of_frames(results: Iterable[TrackResult], frame_ids: Iterable[int]) -> tuple[TrackResult | None, ...]:
+    by_image = {result.frame_id: result for result in results}
+    return tuple(by_image.get(frame_id) for frame_id in frame_ids)
 
 
 def result_overlays(result: TrackResult) -> tuple[Overlay, ...]:

@@ -139,7 +139,8 @@ class CurvePlot {
     this.line.setAttribute("x2", at);
     for (const { curve, reading, dot, py } of this.readings) {
       const value = curve.values[i];
-      reading.textContent = `${curve.label} ${shownValue(value)}`.trim();
+      const isCut = Number.isFinite(curve.most) && value >= curve.most;
+      reading.textContent = `${curve.label} ${isCut ? "≥ " : ""}${shownValue(value)}`.trim();
       const shows = Number.isFinite(value);
       dot.setAttribute("visibility", shows ? "visible" : "hidden");
       dot.setAttribute("cx", at);
