@@ -82,7 +82,9 @@ def _by_name(methods: Iterable[Method | str]) -> dict[str, Method | str]:
     """Each method once, a tracker of cv2.rapid as its name."""
     found: dict[str, Method | str] = {}
     for told in methods:
-        method = method_named(told) if isinstance(told, str) and (told in METHODS or told not in NAMES) else told
+        if isinstance(told, str) and told not in (*METHODS, *NAMES):
+            raise ParameterError(f"method {told}: no such method: there are {', '.join((*METHODS, *NAMES))}")
+        method = method_named(told) if isinstance(told, str) and told in METHODS else told
         if isinstance(method, Method):
             check_writable(method)
         name = method if isinstance(method, str) else method.name

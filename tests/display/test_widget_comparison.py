@@ -167,6 +167,27 @@ def test_what_cannot_be_run_is_told(bench: Workbench, asked: list[Task]) -> None
     assert shown.table.value == table
 
 
+def test_a_comparison_that_fails_says_what_is_still_shown(
+    bench: Workbench, asked: list[Task], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = RunComparison(bench, (*METHODS, "cv2"))
+    shown.methods.value = ("cv2", "acp")
+    shown.go.click()
+    assert shown.told.value.startswith("method cv2: no such method: there are acp, ")
+    assert "--" not in shown.told.value
+    assert shown.told.value.endswith("(below: acp and region, compared before)")
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Workbench, "compare", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        shown.compare()
+    assert "interrupted" in shown.told.value
+    assert shown.told.value.endswith("(below: acp and region, compared before)")
+    assert not shown.go.disabled
+
+
 def test_the_sample_backwards_is_the_sample_from_its_end(bench: Workbench) -> None:
     assert bench.sequences == (SequenceKey("sample", 1, 1), SequenceKey("backwards", 1, 1))
     turned, scene = open_sequence(bench.roots["backwards"]), sample_scene()

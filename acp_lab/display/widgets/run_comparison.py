@@ -101,8 +101,11 @@ class RunComparison(ipywidgets.VBox):
         try:
             self.report = self._bench.compare(self.methods.value, self.sequences.value, variants, self._tell_progress)
         except AcpLabError as error:
-            self.told.value = str(error)
+            self._tell_failure(str(error))
             return None
+        except KeyboardInterrupt:
+            self._tell_failure("the comparison was interrupted; another one goes on with the runs that are missing")
+            raise
         finally:
             self.go.disabled = False
         self.told.value = (
@@ -119,6 +122,11 @@ class RunComparison(ipywidgets.VBox):
 
     def _tell_progress(self, done: int, total: int) -> None:
         self.told.value = f"{done} of {total} runs …"
+
+    def _tell_failure(self, why: str) -> None:
+        """What is shown is what was compared before, which is no more what is chosen above it."""
+        before = "" if self.report is None else f" (below: {' and '.join(self.report.methods)}, compared before)"
+        self.told.value = f"{why}{before}"
 
     def _show_shares(self, variant: Variant) -> None:
         assert self.report is not None
