@@ -203,11 +203,13 @@ def first_beside(run: TrackRun, object_id: int) -> int | None:
 
 
 def _results_of(run: TrackRun, frame: int, object_id: int | None) -> tuple[tuple[TrackResult, ...], int]:
-    if object_id is None:
-        object_id = next(iter(run.results), 0)
-    results = run.results.get(object_id, ())
-    if not results:
-        raise SequenceError(f"{run.name}: object {object_id} was not tracked: there are {sorted(run.results)}")
+    tracked = [one for one, results in run.results.items() if results]
+    if not tracked:
+        raise SequenceError(f"{run.name}: has no results: give a run that tracked at least one frame")
+    object_id = tracked[0] if object_id is None else object_id
+    if object_id not in tracked:
+        raise SequenceError(f"{run.name}: object {object_id} was not tracked: there are {sorted(tracked)}")
+    results = run.results[object_id]
     if not -len(results) <= frame < len(results):
         raise SequenceError(f"{run.name}: no frame {frame}: there are {len(results)}, counted from 0")
     if object_id not in run.parts:

@@ -93,6 +93,9 @@ class TrackRun:
     def __str__(self) -> str:
         lines = []
         for object_id, results in self.results.items():
+            if not results:
+                lines.append(f"{self.name}, object {object_id}, {self.method}: no frames")
+                continue
             times = [result.timings.total_s for result in results[1:]] or [float("nan")]
             quality = float(np.median([result.quality for result in results]))
             lines.append(

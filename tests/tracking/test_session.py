@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -234,6 +235,12 @@ def test_a_run_is_called_after_the_method_of_its_trackers_unless_told() -> None:
     assert listener.session is not None
     assert run.method == listener.session.method == "direct-6dof"
     assert track_sequence({1: tracker}, made, made.first_poses, method="mine").method == "mine"
+
+
+def test_a_run_tells_which_objects_have_no_frames(run: TrackRun) -> None:
+    lines = str(replace(run, results={**run.results, 2: ()})).splitlines()
+    assert lines[0].startswith("made, object 5, played: 3 frames")
+    assert lines[1] == "made, object 2, played: no frames"
 
 
 def test_a_run_of_one_frame_has_no_time_per_frame() -> None:

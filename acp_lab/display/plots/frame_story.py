@@ -57,7 +57,7 @@ def draw_runs(
     """
     for colour, (name, run) in zip(_SHADES, runs.items(), strict=False):
         results = run.results[object_id]
-        ids = np.array([result.frame_id for result in results])
+        ids = np.array([result.frame_id for result in results], int)
         quality = np.array([result.quality for result in results])
         error = np.minimum(add_percents(run, object_id), largest_percent)
         gaps = _gaps(ids)
@@ -65,7 +65,7 @@ def draw_runs(
             x, y = np.insert(ids, gaps, 0), np.insert(values, gaps, np.nan)
             axes.plot(x, y, color=colour, linewidth=1.5, label=as_it_is(name))
             for state, marker in ((TrackState.LOST, "x"), (TrackState.WEAK, "o")):
-                rows = np.array([result.state is state for result in results])
+                rows = np.array([result.state is state for result in results], bool)
                 axes.plot(ids[rows], values[rows], marker, color=WRONG, markersize=4.5, markerfacecolor="none")
     for limit in (2.0, 5.0):
         error_axes.axhline(limit, color=UNKNOWN, linestyle="--", linewidth=0.8)

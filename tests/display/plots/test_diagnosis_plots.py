@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import pytest
 
 import acp_lab
 from acp_lab.display.plots.diagnosis import Explanation, explain
-from acp_lab.errors import InputFileError
+from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.tracking.session import TrackRun
 from acp_lab.tracking.tracker import Tracker
 from tests.made_parts import bracket, looking_at
@@ -33,6 +34,15 @@ def run() -> TrackRun:
 @pytest.fixture(scope="module")
 def hidden(run: TrackRun) -> Explanation:
     return explain(run, 2)
+
+
+def test_a_run_without_results_is_told_from_one_of_other_objects(run: TrackRun) -> None:
+    for results in ({}, {1: ()}):
+        with pytest.raises(SequenceError, match="has no results"):
+            explain(replace(run, results=results), 0)
+    with pytest.raises(SequenceError, match=r"object 2 was not tracked: there are \[1\]"):
+        explain(replace(run, results={2: (), **run.results}), 0, 2)
+    assert explain(replace(run, results={2: (), **run.results}), 0).diagnosis.object_id == 1
 
 
 def pixels(png: bytes) -> np.ndarray:

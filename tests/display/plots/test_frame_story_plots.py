@@ -48,6 +48,14 @@ def test_lines_break_where_frames_are_missing_and_lost_frames_are_marked(run: Tr
     assert [text.get_text() for text in quality.get_legend().get_texts()] == ["a", "b"]
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_run_without_results_is_an_empty_curve(run: TrackRun) -> None:
+    error, quality = Figure().subplots(1, 2)
+    draw_runs(error, quality, {"a": replace(run, results={1: ()}), "b": run})
+    assert [len(line.get_xdata()) for line in quality.lines[:4]] == [0, 0, 0, 6]
+    assert [text.get_text() for text in quality.get_legend().get_texts()] == ["a", "b"]
+
+
 def test_a_frame_taken_apart(run: TrackRun) -> None:
     story = frame_story(sample_model(), sample_scene(), 3)
     found, memory = Figure().subplots(1, 2)
