@@ -90,6 +90,10 @@ WRONG: dict[str, tuple[Any, str]] = {
     ),
     "Replay": (lambda: acp.Replay("run.rrd", iterations="some"), "iterations = 'some': give one of off, failures, all"),  # type: ignore[arg-type]
     "Replay without room": (lambda: acp.Replay("run.rrd", most_mb=0.0), "most_mb = 0.0: give megabytes"),
+    "Replay of room in words": (lambda: acp.Replay("run.rrd", most_mb="5"), "most_mb = '5': give megabytes"),
+    "Replay of sessions in words": (lambda: acp.Replay("run.rrd", sessions="2"), "sessions = '2': give a whole number"),
+    "Replay without sessions": (lambda: acp.Replay("run.rrd", 0), "sessions = 0: give a whole number, 1 or more"),
+    "Replay of less than no frames": (lambda: acp.Replay("run.rrd", frames=-3), "frames = -3: give a whole number, 0"),
     "snap": (
         lambda: acp.snap(sample_model(), sample_scene().frame(0).image, np.eye(4)),
         "frame is a ndarray, no Frame",

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from acp_lab.errors import ParameterError
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -43,7 +45,12 @@ def film(
     """Draw moments 0 to count - 1, each into a figure of its own, and pack them; it plays for ever.
 
     draw: called with an empty figure and the number of the moment; it makes the axes, too.
+    Raises ParameterError for less than one moment, and for other speeds than those above 0 up to 1000 moments per s.
     """
+    if count < 1:
+        raise ParameterError(f"count = {count}: a film has one moment or more")
+    if not 0.0 < moments_per_s <= 1000.0:
+        raise ParameterError(f"moments_per_s = {moments_per_s}: give a number above 0, 1000 at most")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from PIL import Image

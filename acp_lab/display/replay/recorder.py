@@ -18,6 +18,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
+
 from acp_lab.display.replay.blueprint import single_run, spot_of
 from acp_lab.display.replay.budget import SizeBudget
 from acp_lab.display.replay.clock import RunningClock
@@ -51,7 +53,8 @@ class Replay:
     path: the file, replaced. sessions: how many sessions (scenes) follow each other in it; the file is
     complete after the last one's end. iterations: of which frames the iterations are recorded. most_mb: how large the
     file may become (`budget`). frames: that come in all sessions, 0 where nobody knows.
-    Raises InputFileError when the file cannot be written, is no replay, or another program is writing it.
+    Raises InputFileError when the file cannot be written, is no replay, or another program is writing it;
+    ParameterError for other arguments than these.
     """
 
     wants_target = True
@@ -66,6 +69,11 @@ class Replay:
     ) -> None:
         if iterations not in get_args(Iterations):
             raise ParameterError(f"iterations = {iterations!r}: give one of {', '.join(get_args(Iterations))}")
+        for name, count, least in (("sessions", sessions, 1), ("frames", frames, 0)):
+            if not isinstance(count, int | np.integer) or count < least:
+                raise ParameterError(f"{name} = {count!r}: give a whole number, {least} or more")
+        if not isinstance(most_mb, int | float | np.number) or not most_mb > 0.0:
+            raise ParameterError(f"most_mb = {most_mb!r}: give megabytes, above 0")
         self.path = Path(path)
         check_replaces_own(self.path, b"RRF", "the replay", "a replay")
         self.iterations = iterations
@@ -77,8 +85,6 @@ class Replay:
         self._recording: Any = None
         self._images: ImageWriter | None = None
         self._log: RunLog | None = None
-        if not most_mb > 0.0:
-            raise ParameterError(f"most_mb = {most_mb!r}: give megabytes, above 0")
         self._budget = SizeBudget(1e6 * most_mb)
         self._frames, self._frames_in_all = 0, frames
         self._sent_before, self._sent_in_file = 0, -1
