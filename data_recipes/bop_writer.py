@@ -25,7 +25,7 @@ from acp_lab.errors import InputFileError
 from data_recipes.command import warn
 
 JPEG_QUALITY = 91
-TOP_LEVEL = ("models", "test", "CAMERA.json", "POSE.json")
+TOP_LEVEL = ("models", "test", "CAMERA.json", "POSE.json", "POSES.csv")
 """All that recipes write into the folder of a data set."""
 
 

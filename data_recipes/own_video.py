@@ -10,7 +10,9 @@ a ChArUco board (a folder or a video), from a CAMERA.json, or from numbers. DATA
     CAMERA.json                        intrinsics and distortion of FRAMES; the reprojection error is printed
     models/obj_000001.ply              the mesh in mm; its unit, if not told, is guessed from its size, and printed
     test/000001/rgb/000000.png …       the frames, undistorted, with scene_camera.json
-    POSE.json, scene_gt.json           the start pose; it is stored as the truth of the first frame alone
+    POSE.json                          the start pose, and
+    scene_gt.json                      the same as the truth of the first frame alone, where the pose was given, or
+    POSES.csv                          as a row of results, where it was found in the image, which makes it no truth
 
 so that both `acp-lab track DATASET` and `acp-lab track --video FRAMES --camera DATASET/CAMERA.json …` run.
 """
@@ -41,8 +43,9 @@ from acp_lab.sequences.calibration import (
 )
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, first_size
-from acp_lab.sequences.json_file import read_pose, write_json
+from acp_lab.sequences.json_file import read_pose, was_found, write_pose
 from acp_lab.sequences.pixel_coding import BAYER_CODES, PixelCoding
+from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
 from data_recipes.bop_writer import check_out, new_dataset, write_image, write_models, write_scene
 from data_recipes.command import Parser, at_most, count, note, pair, positive, run, warn
 from data_recipes.convert import camera_of, check_apart
@@ -51,6 +54,8 @@ from data_recipes.tracks import box_corners
 
 _FEWEST_PX = 25.0
 """A part that looks smaller than that at its start pose is more likely a pose in metres."""
+_SCORE_OF_FOUND = 0.9
+"""Of a start pose that was found: below 1, which would be exact, and high enough not to be doubted."""
 
 
 def make(args: argparse.Namespace) -> None:
@@ -65,6 +70,7 @@ def make(args: argparse.Namespace) -> None:
     print(f"{args.mesh}: in {mesh.unit} ({said}), diameter {model.diameter:.1f} mm")
     camera = _camera(args)
     pose = None if args.pose is None else read_pose(args.pose)
+    found = args.pose is not None and was_found(args.pose)
     if pose is not None:
         _check_pose(pose, box_corners(model.vertices), camera, args.pose)
     with new_dataset(args.out, args.force) as root:
@@ -77,12 +83,14 @@ def make(args: argparse.Namespace) -> None:
             write_image(folder / "rgb" / f"{number - 1:06d}.{args.image_format}", image)
         if number == 0:
             raise SequenceError(f"{args.frames}: gave no frame that can be read: check it")
-        write_scene(folder, [camera.matrix] * number, 1, [] if pose is None else [pose])
+        write_scene(folder, [camera.matrix] * number, 1, [] if pose is None or found else [pose])
         if pose is not None:
-            pose_file = {"cam_R_m2c": pose[:3, :3].ravel().tolist(), "cam_t_m2c": pose[:3, 3].tolist()}
-            write_json(root / "POSE.json", pose_file)
+            write_pose(root / "POSE.json", pose, found)
+        if pose is not None and found:
+            with ResultsWriter(root / "POSES.csv") as starts:
+                starts.append(ResultRow(1, 0, 1, _SCORE_OF_FOUND, pose))
     print(f"{args.out}: {number} frames written")
-    _print_next_steps(args, has_pose=pose is not None)
+    _print_next_steps(args, pose is not None, found)
 
 
 def _camera(args: argparse.Namespace) -> Camera:
@@ -165,14 +173,15 @@ def _check_pose(cam_T_obj: FloatArray, corners_obj: FloatArray, camera: Camera, 
         warn(f"{path}: the part would be {size:.0f} px wide at this pose: is cam_t_m2c in mm?")
 
 
-def _print_next_steps(args: argparse.Namespace, has_pose: bool) -> None:
+def _print_next_steps(args: argparse.Namespace, has_pose: bool, found: bool) -> None:
     out, mesh = quoted(args.out), quoted(args.out / "models" / "obj_000001.ply")
     print(f"acp-lab prepare {mesh} --out PARTS_DIR")
     if not has_pose:
         for init, what in (("auto", "find the start pose"), ("POSES.csv", "give the start pose")):
             print(f"acp-lab track {out} --parts PARTS_DIR --init {init} --out results.csv     # {what}")
         return
-    print(f"acp-lab track {out} --parts PARTS_DIR --out results.csv")
+    start = f" --init {quoted(args.out / 'POSES.csv')}" if found else ""
+    print(f"acp-lab track {out} --parts PARTS_DIR{start} --out results.csv")
     print(
         f"acp-lab track --video {quoted(args.frames)} --mesh {mesh} --camera {quoted(args.out / 'CAMERA.json')} "
         f"--init {quoted(args.out / 'POSE.json')} --parts PARTS_DIR --out results.csv"

@@ -13,7 +13,9 @@ import pytest
 import trimesh
 
 from acp_lab.geometry.camera import Camera, Undistorter
-from acp_lab.sequences import BopDataset, Frame, VideoFile, read_pose
+from acp_lab.sequences import BopDataset, Frame, VideoFile, read_pose, start_rows
+from acp_lab.sequences.json_file import was_found, write_pose
+from acp_lab.tracking.find import ACCEPTED
 from data_recipes.own_video import main
 from tests.board_pictures import SQUARE_MM, chessboard_print, pictures
 from tests.data_recipes.fake_downloads import HEIGHT, WIDTH, pose_entry, tiny_views, write_image
@@ -76,6 +78,20 @@ def test_a_folder_becomes_a_data_set(bench: Path, capsys: pytest.CaptureFixture[
     assert scene.truth(1, 1) is None  # only the start pose is known
     assert Camera.from_json(bench / "out" / "CAMERA.json") == CAMERA
     np.testing.assert_allclose(dataset.part(1).box_size, [60.0, 40.0, 25.0], rtol=1e-5)
+
+
+def test_a_start_that_was_found_is_no_truth(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pose = tiny_views(4).poses[0]
+    write_pose(bench / "POSE.json", pose, found=True)
+    assert make(bench, *INTRINSICS, "--pose", str(bench / "POSE.json")) == 0
+    assert was_found(bench / "out" / "POSE.json")
+    assert BopDataset(bench / "out").open_scene(1).ground_truth is None
+    start = start_rows(bench / "out" / "POSES.csv", 1, 0)[1]
+    assert ACCEPTED <= start.score < 1.0  # an estimate, and not doubted
+    np.testing.assert_allclose(start.cam_T_obj, pose, atol=1e-9)
+    track = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("acp-lab track"))
+    assert shlex.split(track)[5:7] == ["--init", str(bench / "out" / "POSES.csv")]
+    assert make(bench, *INTRINSICS, "--force") == 0  # it is of this recipe
 
 
 def test_a_video_and_a_known_camera(bench: Path) -> None:
