@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,7 @@ from acp_lab.cad.edges import sample_edges, visible_samples
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import EmbreeCaster
 from acp_lab.errors import InputFileError, SequenceError
+from acp_lab.files import check_place, write_whole
 from acp_lab.geometry.arrays import ByteImage, FloatArray
 from acp_lab.geometry.camera import Camera
 from acp_lab.geometry.pose import inverse, transform
@@ -31,6 +33,10 @@ EDGE_COLOUR = (255, 140, 0)
 _OFFSET_SHARE = 0.002  # of the diameter: how far off the surface visibility rays start
 _GAP = 2
 _COLOURS = 128
+_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
+_MARK = "contact sheet of data_recipes"
+"""A comment in the file, near its beginning: any other picture is somebody's own."""
+_MARK_WITHIN = 1024
 
 
 def contact_sheet(
@@ -78,18 +84,43 @@ def draw_edges(image: ByteImage, part: Part, cam_T_obj: FloatArray, camera: Came
         cv2.circle(image, (int(x), int(y)), 9, EDGE_COLOUR, -1, cv2.LINE_AA, shift=4)
 
 
-def save_picture(path: Path, image: ByteImage) -> None:
-    """Write an RGB picture; a PNG with few colours, which is a third of the size. InputFileError when it cannot be."""
-    from PIL import Image
+def check_sheet(path: Path, root: Path, option: str) -> None:
+    """InputFileError where no sheet can be put at `path`: to be asked before anything is made that takes long.
 
-    picture = Image.fromarray(image)
-    if path.suffix.lower() == ".png":
+    Its suffix must be that of a picture, it may not lie in the data set `root`, which need not be there yet, and what
+    it replaces must be a sheet, or empty. option: that names the path, such as "--out".
+    """
+    if path.suffix.lower() not in _FORMATS:
+        raise InputFileError(f"{path}: cannot be written: give a .png or .jpg file as {option}")
+    if path.is_dir():
+        raise InputFileError(f"{path}: is a folder: {option} needs a file name")
+    check_place(path, option)
+    if root.resolve() in path.resolve().parents:
+        raise InputFileError(f"{path}: lies in the data set: choose another place for {option}")
+    if path.exists():
+        with path.open("rb") as file:
+            start = file.read(_MARK_WITHIN)
+        if start and _MARK.encode() not in start:
+            raise InputFileError(f"{path}: {option} would replace a file that is no contact sheet: choose another name")
+
+
+def save_sheet(path: Path, sheet: ByteImage) -> None:
+    """Write a sheet whole or not at all; as PNG with few colours, which is a third of the size.
+
+    InputFileError when it cannot be.
+    """
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    picture, content = Image.fromarray(sheet), BytesIO()
+    if _FORMATS[path.suffix.lower()] == "PNG":
+        mark = PngInfo()
+        mark.add_text("Comment", _MARK)
         picture = picture.quantize(_COLOURS, dither=Image.Dither.FLOYDSTEINBERG)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        picture.save(path, optimize=True)
-    except (OSError, ValueError) as error:
-        raise InputFileError(f"{path}: cannot be written ({error}): give a .png or .jpg file") from None
+        picture.save(content, "PNG", optimize=True, pnginfo=mark)
+    else:
+        picture.save(content, "JPEG", optimize=True, comment=_MARK)
+    write_whole(path, content.getvalue(), "the contact sheet")
 
 
 def _small(image: ByteImage, width: int) -> ByteImage:
@@ -99,8 +130,9 @@ def _small(image: ByteImage, width: int) -> ByteImage:
 
 def make(args: argparse.Namespace) -> None:
     """Write the sheet that the options describe."""
+    check_sheet(args.out, args.dataset, "--out")
     sheet = contact_sheet(args.dataset, args.columns, args.width, args.edges, args.scenes, args.split)
-    save_picture(args.out, sheet)
+    save_sheet(args.out, sheet)
     print(f"{args.out}: written, {sheet.shape[1]} x {sheet.shape[0]} px")
 
 

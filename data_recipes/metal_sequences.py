@@ -151,11 +151,13 @@ def make(args: argparse.Namespace) -> None:
     """Render what the options describe."""
     # Imported late: they need the `recipes` extra, the options do not.
     from data_recipes.bop_writer import check_out
-    from data_recipes.contact_sheet import contact_sheet, save_picture
+    from data_recipes.contact_sheet import check_sheet, contact_sheet, save_sheet
     from data_recipes.metal.dataset import render_dataset
 
     out: Path = args.out or SAMPLE_FOLDER
     check_out(out, args.force)
+    if args.contact_sheet is not None:
+        check_sheet(args.contact_sheet, out, "--contact-sheet")
     plans = [SAMPLE] if args.sample else make_plans(args)
     suffix = ".jpg" if args.sample else f".{args.image_format}"
     spp = args.spp if args.path_traced else None
@@ -163,7 +165,7 @@ def make(args: argparse.Namespace) -> None:
         raise ParameterError(f"--rolling-shutter {args.rolling_shutter:g} is not for --path-traced: give one")
     render_dataset(out, plans, suffix, args.force, spp, args.jobs, args.scheduler)
     if args.contact_sheet is not None:
-        save_picture(args.contact_sheet, contact_sheet(out, edges=True))
+        save_sheet(args.contact_sheet, contact_sheet(out, edges=True))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

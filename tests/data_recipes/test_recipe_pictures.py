@@ -132,6 +132,51 @@ def test_a_sheet_of_any_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "give a .png or .jpg file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["sheet.png", "sheet.jpg"])
+def test_a_sheet_replaces_sheets_alone(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    root, out = write_dataset(tmp_path / "set"), tmp_path / name
+    assert sheets.main([str(root), "--out", str(out)]) == 0
+    assert sheets.main([str(root), "--out", str(out), "--width", "50"]) == 0
+    assert cv2.imwrite(str(out), np.zeros((8, 8, 3), np.uint8))
+    photo = out.read_bytes()
+    capsys.readouterr()
+    assert sheets.main([str(root), "--out", str(out)]) == 2
+    assert "would replace a file that is no contact sheet" in capsys.readouterr().err
+    assert out.read_bytes() == photo
+
+
+def test_a_picture_of_the_data_set_and_what_it_is_linked_to_stay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = write_dataset(tmp_path / "set")
+    picture = sorted((root / "test" / "000001" / "rgb").iterdir())[0]
+    original = tmp_path / "original.png"
+    original.hardlink_to(picture)
+    before = original.read_bytes()
+    assert sheets.main([str(root), "--out", str(picture)]) == 2
+    assert "lies in the data set" in capsys.readouterr().err
+    out = tmp_path / "sheet.png"
+    assert sheets.main([str(root), "--out", str(out)]) == 0
+    linked = tmp_path / "linked.png"
+    linked.hardlink_to(out)
+    kept = linked.read_bytes()
+    assert sheets.main([str(root), "--out", str(out), "--width", "50"]) == 0
+    assert (original.read_bytes(), linked.read_bytes()) == (before, kept)
+
+
+@pytest.mark.parametrize(
+    ("sheet", "words"), [("set/sheet.png", "lies in the data set"), ("sheet.gif", "give a .png or .jpg file"),
+                         ("folder.png", "is a folder")],
+)  # fmt: skip
+def test_the_place_of_a_sheet_is_looked_at_before_anything_is_rendered(
+    sheet: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("data_recipes.metal.dataset.render_dataset", None)
+    (tmp_path / "folder.png").mkdir()
+    assert metal_sequences(["--out", str(tmp_path / "set"), "--contact-sheet", str(tmp_path / sheet)]) == 2
+    assert words in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("option", "most"), [("--columns", 50), ("--width", 2000)])
 def test_a_sheet_has_a_size_that_can_be(option: str, most: int, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
