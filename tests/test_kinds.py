@@ -59,6 +59,10 @@ WRONG: dict[str, tuple[Any, str]] = {
         lambda: acp.live(sample_model(), sample_scene().camera(0), start=[[1, 2], [3]]),  # type: ignore[arg-type]
         "start: no pose of shape",
     ),
+    "live of no camera": (
+        lambda: acp.live(sample_model(), sample_scene().camera(0), -1),
+        "camera -1: there are none of that number",
+    ),
     "detect": (
         lambda: acp.detect(sample_model(), sample_scene().frame(0).image),  # type: ignore[union-attr]
         "frame is a ndarray, no Frame",

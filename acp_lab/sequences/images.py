@@ -14,8 +14,9 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import contextmanager
+from operator import index as as_index
 from pathlib import Path
-from typing import TypeVar
+from typing import SupportsIndex, TypeVar
 
 import cv2
 import numpy as np
@@ -206,13 +207,13 @@ class CameraDevice(_OwnImages):
     """A live camera by its number; endless until the loop is left, so frame_ids is empty.
 
     The device is opened by `frames()` and closed when its iterator ends or is closed. time_s counts from
-    there, see `image_times.CameraClock`. Raises SequenceError when there is no such device, when it does not deliver
-    the camera's image size, or when it stops delivering.
+    there, see `image_times.CameraClock`. Raises SequenceError at once for what is no number of a device, later when
+    there is no such device, when it does not deliver the camera's image size, or when it stops delivering.
     """
 
-    def __init__(self, index: int, camera: Camera) -> None:
-        super().__init__(f"camera {index}", camera)
-        self.index = index
+    def __init__(self, index: SupportsIndex, camera: Camera) -> None:
+        self.index = _checked_number(index)
+        super().__init__(f"camera {self.index}", camera)
 
     def _read(self) -> Iterator[Frame | UnreadableFrame]:
         with _capture(self.index, cv2.CAP_ANY) as device:
@@ -239,7 +240,7 @@ class CameraDevice(_OwnImages):
 
 
 def open_images(
-    source: str | Path | int | Iterable[ByteImage], camera: Camera
+    source: str | Path | SupportsIndex | Iterable[ByteImage], camera: Camera
 ) -> ImageFolder | VideoFile | CameraDevice | ImagesInMemory:
     """The images of a folder, the frames of a video file, or a live camera by its number ("0" or 0).
 
@@ -247,11 +248,12 @@ def open_images(
     Errors as in the four classes.
     """
     check_kind(camera, Camera, "camera", "acp.Camera.from_json('CAMERA.json')")
-    if isinstance(source, int):
-        return CameraDevice(source, camera)
     if not isinstance(source, str | Path):
-        check_kind(source, Iterable, "source", "a folder, a video file, a camera's number, or a list of images")
-        return ImagesInMemory(source, camera)
+        if isinstance(source, Iterable):
+            return ImagesInMemory(source, camera)
+        if not _is_number(source):
+            check_kind(source, Iterable, "source", "a folder, a video file, a camera's number, or a list of images")
+        return CameraDevice(source, camera)
     path = Path(source)
     if path.is_dir():
         return ImageFolder(path, camera)
@@ -299,9 +301,23 @@ def _device_number(path: Path) -> int | None:
     text = str(path)
     if not text.isdecimal() or path.exists():
         return None
-    if int(text) > _LARGEST_DEVICE:
-        raise SequenceError(f"camera {text}: there are none of that number: the first one is 0")
-    return int(text)
+    return _checked_number(int(text))
+
+
+def _is_number(source: object) -> bool:
+    """Whether it is a whole number of any kind, NumPy's too."""
+    try:
+        as_index(source)  # type: ignore[arg-type]
+    except TypeError:
+        return False
+    return True
+
+
+def _checked_number(number: SupportsIndex) -> int:
+    """That of a live camera; SequenceError for one that OpenCV does not take: it would end the process."""
+    if isinstance(number, bool) or not _is_number(number) or not 0 <= as_index(number) <= _LARGEST_DEVICE:
+        raise SequenceError(f"camera {number}: there are none of that number: the first one is 0")
+    return as_index(number)
 
 
 def _check_video_file(path: Path) -> None:

@@ -231,6 +231,20 @@ def test_open_images_takes_a_folder_a_file_or_the_number_of_a_camera(
     assert isinstance(open_images("7", CAMERA), ImageFolder)
 
 
+@pytest.mark.parametrize("number", [3, np.int64(3), np.uint8(3)])
+def test_the_number_of_a_camera_may_be_of_numpy(number: Any) -> None:
+    device = open_images(number, CAMERA)
+    assert isinstance(device, CameraDevice)
+    assert (type(device.index), device.index, device.name) == (int, 3, "camera 3")
+
+
+@pytest.mark.parametrize("number", [-1, 2**40, True, np.int64(-1)])
+def test_a_number_that_no_camera_has_is_refused_before_it_is_opened(number: Any) -> None:
+    for call in (open_images, CameraDevice):
+        with pytest.raises(SequenceError, match=f"camera {number}: there are none of that number"):
+            call(number, CAMERA)
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes among the files of this system")
 def test_a_pipe_is_no_video(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "clip.mp4")

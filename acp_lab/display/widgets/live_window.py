@@ -220,7 +220,7 @@ def live(
     if start is not None and not isinstance(start, str):
         start = check_pose(start, "start")
     intrinsics = camera if isinstance(camera, Camera) else Camera.from_json(camera)
-    sequence = open_images(str(source), intrinsics)
+    sequence = open_images(source, intrinsics)
     before = _windows.get(str(source))
     if before is not None and before.loop.doing != "ended":
         before.stop()
