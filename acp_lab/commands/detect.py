@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -19,7 +20,7 @@ from acp_lab.errors import AcpLabError, GeometryError, InputFileError, Preparati
 from acp_lab.files import check_replaces_own
 from acp_lab.pasted import quoted
 from acp_lab.sequences.frame import Frame, UnreadableFrame
-from acp_lab.sequences.results_csv import HEADER_START
+from acp_lab.sequences.results_csv import HEADER_START, run_info_path
 
 if TYPE_CHECKING:
     from acp_lab.geometry.arrays import ByteImage
@@ -95,6 +96,11 @@ class DetectOptions:
             raise InputFileError(
                 f"{self.picture}: the picture of --out would replace one without results beside it: choose another name"
             )
+        run = run_info_path(self.out)
+        if run.exists():  # rows of detect have none: it would tell of others
+            raise InputFileError(
+                f"{self.out}: holds a run of acp-lab track, as {run.name} says: choose another --out, or delete both"
+            )
 
     @property
     def is_data_set(self) -> bool:
@@ -132,7 +138,8 @@ def detect_parts(options: DetectOptions) -> None:
     }
     top = options.top or (MOST_EACH if options.each else _TOP)
     tiles = list[np.ndarray]()
-    with ResultsWriter(options.out) as writer, console.Progress() as progress:
+    writer: ResultsWriter | None = None
+    with ExitStack() as at_the_end, console.Progress() as progress:
         for job in jobs:
             found = dict.fromkeys(job.models, 0)
             frames = 0
@@ -145,16 +152,23 @@ def detect_parts(options: DetectOptions) -> None:
                     continue
                 frames += 1
                 drawn: list[tuple[PreparedPart, tuple[Detection, ...]]] = []
+                rows = list[ResultRow]()
                 for object_id, model in job.models.items():
                     begin = time.perf_counter()
                     finder = finders[model.part.name]
                     detections = finder.find_each(frame, top) if options.each else finder.find(frame, top)
                     time_s = time.perf_counter() - begin
-                    for one in detections:
-                        writer.append(ResultRow(job.scene_id, frame.index, object_id, one.score, one.cam_T_obj, time_s))
+                    rows += [
+                        ResultRow(job.scene_id, frame.index, object_id, one.score, one.cam_T_obj, time_s)
+                        for one in detections
+                    ]
                     accepted = sum(one.is_accepted for one in detections)
                     found[object_id] += accepted if options.each else min(accepted, 1)
                     drawn.append((model, _likely(detections) if options.each else detections))
+                if writer is None:  # older results stay until there are others
+                    writer = at_the_end.enter_context(ResultsWriter(options.out))
+                for row in rows:
+                    writer.append(row)
                 if len(tiles) < _PICTURES:
                     tiles.append(_tile(frame, drawn, f"scene {job.scene_id}, image {frame.index}"))
             progress.close()
@@ -162,6 +176,8 @@ def detect_parts(options: DetectOptions) -> None:
                 name = job.models[object_id].part.name
                 what = f"{count} found in {frames} frames" if options.each else f"found in {count} of {frames} frames"
                 print(f"scene {job.scene_id}, object {object_id} ({name}): {what}")
+    if writer is None:
+        raise SequenceError(f"{options.source}: none of its images can be read: check them")
     print(f"{options.out}: written")
     if tiles:
         write_whole(options.picture, _mosaic(tiles), "the picture")

@@ -228,6 +228,34 @@ def test_a_picture_without_results_beside_it_stays(
     assert not images[1].with_suffix(".csv").exists()
 
 
+def test_older_results_stay_until_a_frame_is_done(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "found.csv"
+    words = ("detect", dataset, "--parts", parts, "--out", out, "--step", "3")
+    assert run(capsys, *words).status == 0
+    before = out.read_bytes()
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("acp_lab.tracking.find.Finder.find", stopped)
+    assert run(capsys, *words).status == 130
+    assert out.read_bytes() == before
+
+
+def test_the_results_of_a_run_are_not_replaced(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "results.csv"
+    assert run(capsys, "track", dataset, "--parts", parts, "--out", out, "--max-frames", "1").status == 0
+    before = out.read_bytes()
+    outcome = run(capsys, "detect", dataset, "--parts", parts, "--out", out)
+    assert_one_error(outcome, out, "holds a run of acp-lab track, as results.run.json says: choose another --out")
+    assert out.read_bytes() == before
+    assert (tmp_path / "results.run.json").exists()
+
+
 def test_an_image_of_more_bits_is_read_as_pixels_json_says(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path
 ) -> None:
