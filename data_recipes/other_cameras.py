@@ -10,7 +10,6 @@ Its parts are those of DATASET: what is prepared for one serves all. To see what
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import sys
 from collections.abc import Sequence
@@ -18,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acp_lab.errors import SequenceError
+from acp_lab.errors import InputFileError, SequenceError
+from acp_lab.input_file import is_measure, read_json_object
 from acp_lab.sequences import BopDataset, BopScene, Frame
 from acp_lab.studies.other_cameras import CAMERAS, OtherCamera
 from data_recipes.bop_writer import check_out, new_dataset, write_image, write_json
@@ -26,14 +26,16 @@ from data_recipes.command import Parser, note, run, whole
 from data_recipes.convert import check_apart
 
 # Files of a scene that hold whichever camera takes its pictures.
-_OF_ALL_CAMERAS = ("scene_gt.json", "scene_meta.json")
+_OF_ALL_CAMERAS = ("scene_gt.json", "scene_meta.json", "scene_look_alikes.json")
+_OF_ANY_SIZE = ("visib_fract",)
+_MEND = "mend it, or take it away"
 
 
 def write_as_taken_by(dataset: BopDataset, camera: OtherCamera, out: Path, force: bool = False, seed: int = 0) -> None:
     """The data set as a camera would have taken it, whole or not at all.
 
-    Raises InputFileError when `out` exists and `force` is not given, or a file cannot be written; SequenceError for an
-    image that cannot be read.
+    Raises InputFileError when `out` exists and `force` is not given, or a file cannot be read or written;
+    SequenceError for an image that cannot be read.
     """
     with new_dataset(out, force) as root:
         shutil.copytree(dataset.root / "models", root / "models", copy_function=shutil.copyfile)
@@ -57,12 +59,22 @@ def _write_scene(scene: BopScene, camera: OtherCamera, folder: Path, seed: int) 
             shutil.copyfile(scene.folder / name, folder / name)
     seen = scene.folder / "scene_gt_info.json"
     if seen.exists():
-        # Of boxes and counts in px only the visible share holds for any size.
-        told = json.loads(seen.read_text(encoding="utf-8"))
-        write_json(
-            folder / seen.name,
-            {index: [{"visib_fract": one["visib_fract"]} for one in of_frame] for index, of_frame in told.items()},
-        )
+        write_json(folder / seen.name, _visible_shares(seen))
+
+
+def _visible_shares(path: Path) -> dict[str, object]:
+    """What holds for pictures of any size of a scene_gt_info.json: of boxes and counts in px the visible share alone.
+
+    Not all data sets tell it.
+    """
+    told = read_json_object(path, _MEND)
+    for index, of_frame in told.items():
+        if not isinstance(of_frame, list) or not all(isinstance(one, dict) for one in of_frame):
+            raise InputFileError(f"{path}: image {index} has no list of objects: {_MEND}")
+    return {
+        index: [{key: one[key] for key in _OF_ANY_SIZE if is_measure(one.get(key))} for one in of_frame]
+        for index, of_frame in told.items()
+    }
 
 
 def make(args: argparse.Namespace) -> None:

@@ -52,6 +52,29 @@ def test_each_camera_writes_a_data_set_of_its_own(small: Path, tmp_path: Path) -
         assert told["1"] == [{"visib_fract": 0.5}]  # boxes and counts are those of another size
 
 
+def test_what_is_seen_may_be_told_in_part_and_look_alikes_stay(small: Path, tmp_path: Path) -> None:
+    scene = small / "test" / "000001"
+    seen = {"0": [{"px_count_all": 900}, {"visib_fract": float("nan")}], "1": [{"visib_fract": 0.5}]}
+    (scene / "scene_gt_info.json").write_text(json.dumps(seen))
+    (scene / "scene_look_alikes.json").write_text('{"0": []}')
+    assert main([str(small), "--out", str(tmp_path / "taken"), "--cameras", "dark"]) == 0
+    taken = tmp_path / "taken" / "dark" / "bench" / "test" / "000001"
+    told = json.loads((taken / "scene_gt_info.json").read_text())
+    assert told == {"0": [{}, {}], "1": [{"visib_fract": 0.5}]}
+    assert (taken / "scene_look_alikes.json").read_text() == '{"0": []}'
+
+
+@pytest.mark.parametrize("content", ['{"0": [{"visib_fr', '{"0": 5}', '{"0": [5]}'])
+def test_what_is_seen_torn_is_one_line(
+    small: Path, tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (small / "test" / "000001" / "scene_gt_info.json").write_text(content)
+    assert main([str(small), "--out", str(tmp_path / "taken"), "--cameras", "dark"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert "scene_gt_info.json" in line
+
+
 def test_nothing_is_replaced_unasked_nor_left_half_written(
     small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
