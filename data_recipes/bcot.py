@@ -80,7 +80,7 @@ def _track(folder: Path, matrix: np.ndarray, sequence: str, body: str) -> Track:
         note(f"{folder}: has {len(images)} images, but pose.txt {len(poses)} lines")
     height, width = read_rgb(images[first]).shape[:2]
     camera = camera_of(matrix, width, height, str(folder.parent / "K.txt"))
-    views = [View(images[number], camera, poses[number]) for number in sorted(images)]
+    views = [View(number, images[number], camera, poses[number]) for number in sorted(images)]
     return Track(f"{body}, {sequence}", BODIES.index(body) + 1, tuple(views))
 
 

@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -124,22 +124,23 @@ def write_image(path: Path, image: np.ndarray) -> None:
 
 def write_scene(
     folder: Path,
-    matrices: Sequence[np.ndarray],
+    matrices: Mapping[int, np.ndarray],
     object_id: int,
-    cam_T_obj: Iterable[np.ndarray],
-    seen: Sequence[Mapping[str, object]] | None = None,
+    cam_T_obj: Mapping[int, np.ndarray],
+    seen: Mapping[int, Mapping[str, object]] | None = None,
 ) -> None:
-    """`scene_camera.json` and `scene_gt.json`, frame ids from 0, and `scene_gt_info.json` where it is known.
+    """`scene_camera.json` and `scene_gt.json`, and `scene_gt_info.json` where it is known.
 
-    matrices: K (3, 3) of each frame. cam_T_obj: poses (4, 4) of the first frames; later ones have no truth.
+    All by frame id; gaps in the ids tell where frames were left out. matrices: K (3, 3) of each frame. cam_T_obj: poses
+    (4, 4) of the frames whose truth is known. seen: see `visibility`.
     """
-    cameras = {str(i): {"cam_K": _listed(k), "depth_scale": 1.0} for i, k in enumerate(matrices)}
+    cameras = {str(i): {"cam_K": _listed(k), "depth_scale": 1.0} for i, k in matrices.items()}
     write_json(folder / "scene_camera.json", cameras)
-    truth = {str(i): [pose_entry(pose, object_id)] for i, pose in enumerate(cam_T_obj)}
+    truth = {str(i): [pose_entry(pose, object_id)] for i, pose in cam_T_obj.items()}
     if truth:
         write_json(folder / "scene_gt.json", truth)
     if seen is not None:
-        write_json(folder / "scene_gt_info.json", {str(i): [dict(one)] for i, one in enumerate(seen)})
+        write_json(folder / "scene_gt_info.json", {str(i): [dict(one)] for i, one in seen.items()})
 
 
 def pose_entry(cam_T_obj: np.ndarray, object_id: int) -> dict[str, object]:

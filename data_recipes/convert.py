@@ -105,14 +105,14 @@ def convert(args: argparse.Namespace, find: Callable[[Source, argparse.Namespace
 def write_track(folder: Path, track: Track, model: Model) -> None:
     """One scene folder in the BOP layout; InputFileError for an image that is missing or damaged."""
     (folder / "rgb").mkdir(parents=True)
-    for number, view in enumerate(track.views):
+    for view in track.views:
         _check_image(view.image)
-        place(view.image, folder / "rgb" / f"{number:06d}{view.image.suffix.lower()}")
+        place(view.image, folder / "rgb" / f"{view.number:06d}{view.image.suffix.lower()}")
     coding = track.views[0].image.parent / pixel_coding.FILE_NAME
     if coding.exists():
         place(coding, folder / "rgb" / coding.name)
-    matrices = [view.camera.matrix for view in track.views]
-    write_scene(folder, matrices, track.object_id, [view.cam_T_obj for view in track.views])
+    matrices = {view.number: view.camera.matrix for view in track.views}
+    write_scene(folder, matrices, track.object_id, {view.number: view.cam_T_obj for view in track.views})
     meta = {
         "source": track.source,
         "obj_id": track.object_id,

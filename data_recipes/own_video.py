@@ -78,18 +78,20 @@ def make(args: argparse.Namespace) -> None:
         write_models(root, {1: model})
         folder = root / "test" / "000001"
         (folder / "rgb").mkdir(parents=True)
-        number = 0
-        for number, image in enumerate(_frames(args, camera), start=1):
-            write_image(folder / "rgb" / f"{number - 1:06d}.{args.image_format}", image)
-        if number == 0:
+        matrices = dict[int, FloatArray]()
+        for number, image in _frames(args, camera):
+            write_image(folder / "rgb" / f"{number:06d}.{args.image_format}", image)
+            matrices[number] = camera.matrix
+        if not matrices:
             raise SequenceError(f"{args.frames}: gave no frame that can be read: check it")
-        write_scene(folder, [camera.matrix] * number, 1, [] if pose is None or found else [pose])
+        first = next(iter(matrices))
+        write_scene(folder, matrices, 1, {} if pose is None or found else {first: pose})
         if pose is not None:
             write_pose(root / "POSE.json", pose, found)
         if pose is not None and found:
             with ResultsWriter(root / "POSES.csv") as starts:
-                starts.append(ResultRow(1, 0, 1, _SCORE_OF_FOUND, pose))
-    print(f"{args.out}: {number} frames written")
+                starts.append(ResultRow(1, first, 1, _SCORE_OF_FOUND, pose))
+    print(f"{args.out}: {len(matrices)} frames written")
     _print_next_steps(args, pose is not None, found)
 
 
@@ -127,8 +129,8 @@ def _camera_of_numbers(args: argparse.Namespace) -> Camera:
         raise InputFileError(f"{where}: {error}") from None
 
 
-def _frames(args: argparse.Namespace, camera: Camera) -> Iterator[ByteImage]:
-    """The frames without distortion; those that cannot be read are left out, with a warning."""
+def _frames(args: argparse.Namespace, camera: Camera) -> Iterator[tuple[int, ByteImage]]:
+    """The frames without distortion by number; of those that cannot be read, which a warning tells, a gap is left."""
     source: ImageFolder | VideoFile | CameraDevice
     path = Path(args.frames)
     if path.is_dir():
@@ -143,7 +145,7 @@ def _frames(args: argparse.Namespace, camera: Camera) -> Iterator[ByteImage]:
         if frame.index % args.every:
             continue
         if isinstance(frame, Frame):
-            yield frame.image
+            yield frame.index // args.every, frame.image
             taken += 1
         else:
             warn(f"{frame.reason}: left out")

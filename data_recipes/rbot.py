@@ -62,7 +62,10 @@ def find(source: Source, args: argparse.Namespace) -> Found:
             images = _images(root / body / "frames", sequence, len(poses))
             height, width = read_rgb(images[0]).shape[:2]
             camera = camera_of(matrix, width, height, str(camera_path))
-            views = [View(image, camera, pose) for image, pose in zip(images, poses, strict=False)]
+            views = [
+                View(number, image, camera, pose)
+                for number, (image, pose) in enumerate(zip(images, poses, strict=False))
+            ]
             tracks.append(Track(f"{body}, {sequence}", object_id, tuple(views)))
     return Found(models, tracks)
 

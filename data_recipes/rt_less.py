@@ -130,7 +130,8 @@ def _tracks(folder: Path, scene_id: int, objects: Sequence[int] | None) -> list[
         for image_id, pose in sorted(of.items()):
             if image_id not in images:
                 raise InputFileError(f"{folder / 'rgb'}: image {image_id} is missing: unpack or download it again")
-            views.append(View(images[image_id], camera, make_pose(pose[:3, :3], scale * pose[:3, 3])))
+            cam_T_obj = make_pose(pose[:3, :3], scale * pose[:3, 3])
+            views.append(View(image_id, images[image_id], camera, cam_T_obj))
         tracks.append(Track(f"scene {scene_id}, object {object_id}", object_id, tuple(views)))
     return tracks
 

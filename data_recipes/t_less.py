@@ -141,7 +141,8 @@ def _tracks(folder: Path, scene_id: int, objects: Sequence[int] | None, min_visi
                     continue
                 where = f"{folder / 'scene_camera.json'}: image {one.image_id}"
                 matrix = numbers(cameras[one.image_id].get("cam_K"), 9, f"{where}: cam_K").reshape(3, 3)
-                views.append(View(images[one.image_id], camera_of(matrix, width, height, where), one.cam_T_obj))
+                camera = camera_of(matrix, width, height, where)
+                views.append(View(one.image_id, images[one.image_id], camera, one.cam_T_obj))
             which = f" ({number})" if len(instances) > 1 else ""
             tracks.append(Track(f"scene {scene_id}, object {object_id}{which}", object_id, tuple(views)))
     return tracks

@@ -22,8 +22,12 @@ from acp_lab.geometry.pose import rotation_angle_deg, transform
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One image of a part: its file, its camera (pinhole, of the image's size) and cam_T_obj (4, 4), mm."""
+    """One image of a part: its number, file, camera (pinhole, of the image's size) and cam_T_obj (4, 4), mm.
 
+    Numbers rise along a track; gaps tell that images were left out.
+    """
+
+    number: int
     image: Path
     camera: Camera
     cam_T_obj: np.ndarray
@@ -54,7 +58,7 @@ def ordered(track: Track, corners_obj: np.ndarray, max_step_px: float, max_step_
     """The track in order of nearest views, cut where no view is left within both limits.
 
     Starts at the first view and, after a cut, at the first of those left. Views in which a corner of the box lies
-    behind the camera end up alone.
+    behind the camera end up alone. What is put in order is numbered anew, from 0 on: the source's order is gone.
     """
     seen = _seen(track.views, corners_obj)
     rotations = np.array([view.cam_T_obj[:3, :3] for view in track.views])
@@ -72,7 +76,9 @@ def ordered(track: Track, corners_obj: np.ndarray, max_step_px: float, max_step_
                 break
             chain.append(left.pop(nearest))
         chains.append(chain)
-    return [replace(track, views=tuple(track.views[i] for i in chain)) for chain in chains]
+    return [
+        replace(track, views=tuple(replace(track.views[i], number=k) for k, i in enumerate(chain))) for chain in chains
+    ]
 
 
 def longer_than(tracks: Iterable[Track], min_frames: int) -> tuple[list[Track], int]:

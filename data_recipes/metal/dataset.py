@@ -102,16 +102,16 @@ class FrameRenderer(Protocol):
 
 
 def _render_scene(folder: Path, scene: Scene, renderer: FrameRenderer, object_id: int, suffix: str) -> None:
-    sensor, seen = None, []
+    sensor, seen = None, dict[int, dict[str, object]]()
     for frame in range(scene.config.frames):
         picture = renderer.frame(frame)
         if sensor is None:
             sensor = make_sensor(np.random.default_rng([scene.config.seed, 20]), picture.image, picture.part_seen)
         noise = np.random.default_rng([scene.config.seed, 21, frame])
         write_image(folder / "rgb" / f"{frame:06d}{suffix}", sensor.expose(picture.image, noise))
-        seen.append(visibility(picture.part_alone, picture.part_seen))
-    poses = np.stack([scene.cam_T_part(frame) for frame in range(scene.config.frames)])
-    write_scene(folder, [scene.camera.matrix] * scene.config.frames, object_id, poses, seen)
+        seen[frame] = visibility(picture.part_alone, picture.part_seen)
+    poses = {frame: scene.cam_T_part(frame) for frame in seen}
+    write_scene(folder, dict.fromkeys(seen, scene.camera.matrix), object_id, poses, seen)
     if scene.look_alikes:
         write_json(folder / LOOK_ALIKES, {str(k): _others(scene, k, object_id) for k in range(scene.config.frames)})
 

@@ -53,7 +53,7 @@ def check_against(dataset: BopDataset, views: Views, scene_id: int = 1, own_came
         assert isinstance(frame, Frame)
         np.testing.assert_array_equal(frame.image, views.images[i])
         np.testing.assert_allclose(frame.camera.matrix, views.matrices[i if own_cameras else 0], atol=1e-9)
-        truth = scene.truth(i, object_id)
+        truth = scene.truth(frame.index, object_id)
         assert truth is not None
         np.testing.assert_allclose(truth, views.poses[i], atol=1e-9)
     part = dataset.part(object_id)
@@ -96,6 +96,8 @@ def test_rt_less_orders_images_and_tells_symmetric_parts(tmp_path: Path) -> None
     assert len(dataset.part_info(1).symmetries.discrete) == 3  # a box
     unordered = convert(rt_less.main, tmp_path / "in", tmp_path / "file", "--order", "file")
     check_against(unordered, mixed)
+    assert unordered.open_scene(1).frame_ids == tuple(range(1, 10))  # as in the source
+    assert dataset.open_scene(1).frame_ids == tuple(range(9))  # of an order that is ours
 
 
 def test_rt_less_training_images_are_passed_over(tmp_path: Path) -> None:
@@ -147,6 +149,16 @@ def test_t_less_leaves_out_images_that_hardly_show_the_part(tmp_path: Path) -> N
     path = tmp_path / "in" / "test_primesense" / "000001" / "scene_gt_info.json"
     path.write_text(json.dumps({str(i): [{"visib_fract": 0.1 if i == 7 else 0.9}] for i in range(8)}))
     assert len(convert(t_less.main, tmp_path / "in", tmp_path / "out").open_scene(1).frame_ids) == 7
+
+
+def test_images_that_are_left_out_leave_a_gap(tmp_path: Path) -> None:
+    write_t_less(tmp_path / "in", tiny_views())
+    scene = tmp_path / "in" / "test_primesense" / "000001"
+    shares = {str(i): [{"visib_fract": 0.1 if i == 5 else 0.9}] for i in range(8)}
+    (scene / "scene_gt_info.json").write_text(json.dumps(shares))
+    (scene / "rgb" / "000003.png").unlink()
+    dataset = convert(t_less.main, tmp_path / "in", tmp_path / "out", "--order", "file")
+    assert dataset.open_scene(1).frame_ids == (0, 1, 2, 4, 6, 7)
 
 
 def test_t_less_checks_without_writing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

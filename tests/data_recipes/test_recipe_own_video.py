@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,17 @@ def test_a_video_and_a_known_camera(bench: Path) -> None:
     levels = [int(frame.image[24, 32, 0]) for frame in scene.frames() if isinstance(frame, Frame)]
     np.testing.assert_allclose(levels, [0, 60, 120], atol=8)
     assert len(VideoFile(bench / "clip.mp4", CAMERA).frame_ids) == 10
+
+
+def test_frames_that_cannot_be_read_leave_a_gap(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for i in range(4, 9):
+        shutil.copy(bench / "clip" / "img0.png", bench / "clip" / f"img{i}.png")
+    (bench / "clip" / "img4.png").write_bytes(b"torn")
+    assert make(bench, *INTRINSICS, "--every", "2", "--pose", str(bench / "POSE.json")) == 0
+    assert "img4.png" in capsys.readouterr().err
+    scene = BopDataset(bench / "out").open_scene(1)
+    assert scene.frame_ids == (0, 1, 3, 4)
+    assert scene.truth(0, 1) is not None
 
 
 def test_a_camera_from_pictures_of_a_chessboard(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,7 +21,7 @@ CORNERS = box_corners(np.array([[-30.0, -20.0, -10.0], [30.0, 20.0, 10.0]]))
 
 def _view(number: int, angle: float, x: float = 0.0, z: float = 400.0) -> View:
     rotation = TILT @ so3_exp(np.array([0.0, angle, 0.0]))
-    return View(Path(f"{number}.png"), CAMERA, make_pose(rotation, np.array([x, 0.0, z])))
+    return View(number, Path(f"{number}.png"), CAMERA, make_pose(rotation, np.array([x, 0.0, z])))
 
 
 def _track(views: list[View]) -> Track:
@@ -38,6 +38,7 @@ def test_a_shuffled_turn_comes_back_in_order(rng: np.random.Generator) -> None:
     shuffled = [views[0], *[views[i] for i in 1 + rng.permutation(19)]]
     (found,) = ordered(_track(shuffled), CORNERS, 60.0, 15.0)
     assert [view.image.stem for view in found.views] == [str(i) for i in range(20)]
+    assert [view.number for view in found.views] == list(range(20))
 
 
 def test_a_gap_cuts_the_track() -> None:
