@@ -7,6 +7,7 @@ had learnt of the part's look is not kept.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -18,7 +19,7 @@ from acp_lab.errors import InputFileError, SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.input_file import read_json_object
 from acp_lab.prepared_part import part_folder
-from acp_lab.prepared_part.integrity import checksum, checksum_of_values
+from acp_lab.prepared_part.integrity import checksum, checksum_for_poses, checksum_of_values
 from acp_lab.sequences.images import VideoFile
 from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.sequences.protocol import Sequence as Frames
@@ -28,6 +29,8 @@ from acp_lab.tracking.result import TrackState
 from acp_lab.tracking.states import StateConfig, StateMachine
 
 ANEW = "give --out another name, or run without --resume, which replaces these rows"
+_WHETHER_FOUND = "whether it was found"
+"""End of the names that the runs of earlier versions do not tell."""
 
 
 @dataclass(frozen=True)
@@ -87,15 +90,20 @@ class Resumption:
 
 
 def inputs_of(jobs: Sequence[SceneJob], parts: Path, configuration: Any) -> dict[str, str]:
-    """Checksums of all that the poses depend on, by name; images count by their names and sizes."""
+    """Checksums of all that the poses depend on, by name; images count by their names and sizes.
+
+    Of several words one is enough to be the same.
+    """
     inputs = {"the method": checksum_of_values(configuration)}
     for job in jobs:
         scene = f"scene {job.sequence.scene_id}"
         inputs[f"{scene}, its images or camera"] = checksum_of_values(_frames_in_words(job.sequence))
         for object_id, pose in job.starts.items():
-            inputs[f"{scene}, the start pose of object {object_id}"] = checksum_of_values(pose.tolist())
+            start = f"{scene}, the start pose of object {object_id}"
+            inputs[start] = checksum_of_values(pose.tolist())
+            inputs[f"{start}, {_WHETHER_FOUND}"] = "found" if object_id in job.found else "given"
             part = part_folder(parts, job.models[object_id].part.name)
-            inputs[f"the prepared part {part.name}"] = checksum((part / "part.json").read_bytes())
+            inputs[f"the prepared part {part.name}"] = _part_in_words(part / "part.json")
     return inputs
 
 
@@ -189,9 +197,20 @@ def _same_inputs(results: Path, inputs: Mapping[str, str]) -> Mapping[str, Any]:
     if not isinstance(before, dict):
         raise InputFileError(f"{path}: does not say what {results.name} was made from: {ANEW}")
     for name in sorted(set(before) | set(inputs)):
-        if before.get(name) != inputs.get(name):
+        is_told = name in before or not name.endswith(_WHETHER_FOUND)
+        if is_told and not _is_same(before.get(name), inputs.get(name)):
             raise InputFileError(f"{results}: cannot be resumed: another run made it ({name} differs): {ANEW}")
     return info
+
+
+def _is_same(before: object, now: str | None) -> bool:
+    return isinstance(before, str) and now is not None and not set(before.split()).isdisjoint(now.split())
+
+
+def _part_in_words(header: Path) -> str:
+    """Of a part.json what poses depend on, and the whole, which is what the runs of earlier versions tell."""
+    content = header.read_bytes()
+    return f"{checksum_for_poses(json.loads(content))} {checksum(content)}"
 
 
 def _frames_in_words(frames: Frames) -> list[Any]:

@@ -22,6 +22,9 @@ from acp_lab.input_file import read_bytes
 
 SUFFIX = ".safetensors"
 _FILES, _OWN = "files", "checksum"
+_OF_PREPARATION = ("options", "cpu_s", "generators", "control_points")
+"""What part.json tells of how the part was prepared, how long that took and how good it became; of what was trained,
+the files themselves count."""
 
 
 def checksum(content: bytes) -> str:
@@ -45,6 +48,11 @@ def check_sealed(header: Mapping[str, Any]) -> None:
     """PreparationError when values of part.json were changed."""
     if header.get(_OWN) != checksum_of_values(_without_own(header)):
         raise PreparationError("part.json has changed since it was prepared: its checksum differs")
+
+
+def checksum_for_poses(header: Mapping[str, Any]) -> str:
+    """The checksum of all that poses depend on in a part.json: its files and measures, not how they were asked for."""
+    return checksum_of_values({k: v for k, v in _without_own(header).items() if k not in _OF_PREPARATION})
 
 
 def changes(header: Mapping[str, Any], contents: Mapping[str, bytes]) -> bool:

@@ -6,15 +6,18 @@ import json
 import re
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from acp_lab.commands import auto_start, track_run
+from acp_lab.prepared_part.integrity import checksum, write_header
 from acp_lab.sequences import read_results
-from acp_lab.sequences.results_csv import rows_with_ends
+from acp_lab.sequences.results_csv import ResultsWriter, rows_with_ends
 from tests.cli_runner import Outcome, assert_one_error, run
 from tests.commands.conftest import CAMERA, FRAME_IDS, OBJECT_IDS, edit_json, true_pose, write_dataset
 from tests.sequences.timed_video import timed_video
@@ -322,6 +325,63 @@ def test_other_inputs_are_refused(
     outcome = track(capsys, dataset, parts, out, "--resume", *words)
     assert_one_error(outcome, told, "give --out another name, or run without --resume, which replaces these rows")
     assert out.read_bytes() == before
+
+
+def ask_for_more(dataset: Path, parts: Path) -> None:
+    """The networks of no region take no time, but stand among the options; other times come by themselves."""
+    for folder in parts.iterdir():
+        header = json.loads((folder / "part.json").read_text())
+        header["options"]["learned"] = header["options"]["templates"] | {"generator": "learned"}
+        header["cpu_s"]["edges"] += 1.0
+        write_header(folder, header, {path.name: path.read_bytes() for path in folder.glob("*.safetensors")})
+
+
+def tell_less(run_info: dict[str, Any], parts: Path) -> None:
+    """As earlier versions did: the whole part.json, and nothing of whether the start was found."""
+    inputs = {name: value for name, value in run_info["inputs"].items() if not name.endswith("was found")}
+    for folder in parts.iterdir():
+        inputs[f"the prepared part {folder.name}"] = checksum((folder / "part.json").read_bytes())
+    run_info["inputs"] = inputs
+
+
+def test_a_part_that_was_asked_for_otherwise_is_the_same(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path
+) -> None:
+    out = cut(whole, tmp_path / "cut.csv", 4)
+    ask_for_more(dataset, parts)
+    assert track(capsys, dataset, parts, out, "--resume").status == 0
+    assert keys(out) == keys(whole)
+
+
+def test_a_run_of_an_earlier_version_goes_on(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path
+) -> None:
+    out = cut(whole, tmp_path / "cut.csv", 4)
+    edit_json(out.with_suffix(".run.json"), lambda info: tell_less(info, parts))
+    assert track(capsys, dataset, parts, out, "--resume").status == 0
+    assert keys(out) == keys(whole)
+    ask_for_more(dataset, parts)
+    out = cut(whole, tmp_path / "other.csv", 4)
+    edit_json(out.with_suffix(".run.json"), lambda info: tell_less(info, parts))
+    prepare_again(dataset, parts)
+    assert_one_error(track(capsys, dataset, parts, out, "--resume"), "the prepared part obj_000004 differs")
+
+
+def test_a_start_that_is_said_to_be_found_is_another(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, whole: Path
+) -> None:
+    """Its pose is the same, and the first frame another."""
+    first = tmp_path / "start.csv"
+    rows = read_results(whole)[:PER_FRAME]
+    for score in (1.0, 0.9):
+        with ResultsWriter(first) as starts:
+            for row in rows:
+                starts.append(replace(row, score=score))
+        out = tmp_path / f"{score}.csv"
+        assert track(capsys, dataset, parts, out, "--init", first, "--max-frames", "2").status == 0
+    outcome = track(capsys, dataset, parts, tmp_path / "1.0.csv", "--init", first, "--resume")
+    assert_one_error(outcome, "scene 1, the start pose of object 1, whether it was found differs")
+    assert track(capsys, dataset, parts, tmp_path / "0.9.csv", "--init", first, "--resume").status == 0
 
 
 def test_results_without_their_run_are_refused(
