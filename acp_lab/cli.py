@@ -78,7 +78,8 @@ def prepare(
         float | None,
         typer.Option(
             min=0,
-            help="Size of the part's broken edges in mm; 0.25 if not given, in proportion beyond 60 to 160 mm.",
+            help="Size of the part's broken edges in mm; if not given, what was given before, else 0.25, in proportion "
+            "beyond 60 to 160 mm.",
             metavar="MM",
         ),
     ] = None,

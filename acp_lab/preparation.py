@@ -6,6 +6,7 @@ second run keeps what is there. A region of the auto-encoder, minutes of work, i
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -81,8 +82,18 @@ def prepare(
     if out is None:
         return _prepare(part, options, None, progress)
     folder = part_folder(Path(out), part.name, part.path)
+    if _is_complete_for_good(part, options, folder):  # nothing is written: no lock, which could not be made there
+        return _prepare(part, options, folder, progress)
     with only_writer(folder, "this part"):
         return _prepare(part, options, folder, progress)
+
+
+def _is_complete_for_good(part: Part, options: PrepareOptions, folder: Path) -> bool:
+    """Whether a folder that cannot be written, such as a shared one, holds a part as it is asked for already."""
+    if not folder.is_dir() or all(os.access(place, os.W_OK) for place in (folder, folder.parent)):
+        return False
+    stored = _stored(part, folder, options)
+    return stored is not None and stored.options.get(options.generator) == options and not stored.lacks
 
 
 def check_device(options: PrepareOptions) -> None:
@@ -136,8 +147,13 @@ def _prepare(part: Part, options: PrepareOptions, folder: Path | None, progress:
 
 def _with_edges(part: Part, seed: int) -> PreparedPart:
     begin_s = time.process_time()
-    edge_break_mm = part.times_usual * DEFAULT_EDGE_BREAK_MM
-    return PreparedPart(part, sample_edges(part), edge_break_mm, seed).took("edges", time.process_time() - begin_s)
+    model = PreparedPart(part, sample_edges(part), usual_edge_break_mm(part), seed)
+    return model.took("edges", time.process_time() - begin_s)
+
+
+def usual_edge_break_mm(part: Part) -> float:
+    """How far the edges of a part of that size are expected to be broken, where nobody tells."""
+    return part.times_usual * DEFAULT_EDGE_BREAK_MM
 
 
 def _without(cpu_s: Mapping[str, float], stage: str) -> dict[str, float]:

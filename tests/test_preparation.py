@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -246,6 +247,22 @@ def test_networks_trained_otherwise_are_no_part_of_the_result(tmp_path: Path, mo
 def test_an_edge_break_of_another_unit_is_refused() -> None:
     with pytest.raises(PreparationError, match=r"bracket: --edge-break 50: .*diameter, \d+\.\d mm"):
         prepare(bracket(), generator="templates", edge_break_mm=50.0)
+
+
+def test_a_part_that_is_complete_need_not_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    prepare(bracket(), generator="templates", out=tmp_path)
+    before = (tmp_path / "bracket" / "part.json").read_bytes()
+
+    def refused(*_: Any, **__: Any) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("acp_lab.locks.FileLock.acquire", refused)
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    assert prepare(bracket(), generator="templates", out=tmp_path).generator_names == ("templates",)
+    assert (tmp_path / "bracket" / "part.json").read_bytes() == before
+    for wishes in ({"generator": "both"}, {"generator": "templates", "resume": False}):
+        with pytest.raises(InputFileError, match="Permission denied"):
+            prepare(bracket(), out=tmp_path, **wishes)
 
 
 def test_the_edge_break_is_kept_until_another_is_given(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from acp_lab.commands import interrupt
 from acp_lab.commands.console import Progress, note, warn, watched
 from acp_lab.commands.machine import limit_threads
 from acp_lab.errors import InputFileError, PreparationError
-from acp_lab.preparation import check_device, check_same_mesh, prepare
+from acp_lab.preparation import check_device, check_same_mesh, prepare, usual_edge_break_mm
 from acp_lab.prepared_part import PrepareOptions, part_folder, read_header
 
 MAYBE_NOT_MM = 20.0
@@ -126,7 +126,10 @@ def _prepared(
     was_complete = before == header.stat().st_mtime_ns  # what is there already is not written again
     done = "was complete" if was_complete else f"prepared in {time.perf_counter() - start:.1f} s"
     found = "" if part.symmetries.told else in_words(model.part.symmetries)
-    return f"{done}, diameter {part.diameter:.1f} mm" + (found and f"\nlooks the same after {found}")
+    is_told = options is not None and options.edge_break_mm is not None
+    is_kept = not is_told and model.edge_break_mm != usual_edge_break_mm(part)
+    kept = f", edge break {model.edge_break_mm:g} mm as before" if is_kept else ""
+    return f"{done}, diameter {part.diameter:.1f} mm{kept}" + (found and f"\nlooks the same after {found}")
 
 
 def _tell(folder: Path, said: str) -> None:

@@ -147,6 +147,13 @@ def test_a_number_of_processes_that_makes_no_sense(
     assert_one_error(prepare(capsys, tmp_path / "parts", mesh, "--scheduler", ""), "--scheduler '': is no address")
 
 
+def test_an_edge_break_that_is_kept_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
+    assert "edge break" not in prepare(capsys, tmp_path / "parts", mesh).out
+    assert "edge break" not in prepare(capsys, tmp_path / "parts", mesh, "--edge-break", "0").out
+    assert prepare(capsys, tmp_path / "parts", mesh).out.endswith(" mm, edge break 0 mm as before\n")
+    assert "edge break" not in prepare(capsys, tmp_path / "parts", mesh, "--no-resume").out
+
+
 def test_the_time_of_preparation_is_kept(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: Path) -> None:
     assert prepare(capsys, tmp_path / "parts", mesh).status == 0
     before = PreparedPart.load(tmp_path / "parts" / "block", mesh).cpu_s
