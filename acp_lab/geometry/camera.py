@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from operator import index
@@ -241,11 +242,21 @@ class Undistorter:
     """Removes a camera's lens distortion from images, keeping its matrix K.
 
     The result belongs to `camera.pinhole()`. Without distortion the image itself is returned.
-    Pixels that the lens never saw become black, also where its distortion formula would lead back into the image.
+    Pixels that the lens never saw become black, also where its distortion formula would lead back into the image;
+    that it does so at all is told as a UserWarning.
     """
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
+        fold = _fold(camera) if camera.is_distorted else math.inf
+        if fold < math.inf:
+            told = ", ".join(f"{k:g}" for k in camera.dist)
+            warnings.warn(
+                f"camera distortion {told}: folds the image, from {camera.fx * math.sqrt(fold):.0f} px round its "
+                "middle on, where nothing is seen: check k1, k2, p1, p2, k3, or calibrate with boards at the corners",
+                UserWarning,
+                stacklevel=2,
+            )
 
     def __call__(self, image: ByteImage) -> ByteImage:
         """Undistorted image of the same shape, (h, w) or (h, w, 3), uint8.
@@ -273,20 +284,20 @@ def _undistortion_maps(camera: Camera) -> tuple[Any, Any]:
         camera.matrix, np.asarray(camera.dist), np.eye(3), camera.matrix, size, cv2.CV_16SC2
     )
     x, y = (np.arange(camera.width) - camera.cx) / camera.fx, (np.arange(camera.height) - camera.cy) / camera.fy
-    squares = x**2 + y[:, None] ** 2
-    unseen = squares >= _fold(camera.dist, float(squares.max()))
+    unseen = x**2 + y[:, None] ** 2 >= _fold(camera)
     pixels[unseen], fractions[unseen] = _OUTSIDE, 0
     return pixels, fractions
 
 
-def _fold(dist: tuple[float, ...], farthest: float) -> float:
+def _fold(camera: Camera) -> float:
     """The square of the radius, at depth 1, from which on the distortion leads back into the image; inf if none.
 
     The lens shows the radius r at r (1 + k1 r^2 + k2 r^4 + k3 r^6). Where that stops growing the formula ends: the
-    image holds nothing of what lies farther out. farthest: the square up to which that counts.
+    image holds nothing of what lies farther out. What counts is within the farthest corner.
     """
-    k1, k2, _, _, k3 = dist
-    squares = np.linspace(0.0, farthest, 4096)
+    k1, k2, _, _, k3 = camera.dist
+    x, y = max(camera.cx, camera.width - 1 - camera.cx), max(camera.cy, camera.height - 1 - camera.cy)
+    squares = np.linspace(0.0, (x / camera.fx) ** 2 + (y / camera.fy) ** 2, 4096)
     slopes = 1.0 + squares * (3.0 * k1 + squares * (5.0 * k2 + squares * 7.0 * k3))
     return float(squares[slopes <= 0.0].min(initial=math.inf))
 

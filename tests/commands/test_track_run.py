@@ -455,6 +455,10 @@ def test_a_folder_of_images(capsys: pytest.CaptureFixture[str], dataset: Path, p
     outcome = run(capsys, "track", *words, "--parts", parts, "--out", tmp_path / "results.csv")
     assert outcome.status == 0, outcome
     assert [row.key for row in read_results(tmp_path / "results.csv")] == [(1, i, 1) for i in range(5)]
+    assert "folds the image" not in outcome.err
+    replace(CAMERA, dist=(-2.5, 0.0, 0.0, 0.0, 0.0)).to_json(tmp_path / "camera.json")
+    outcome = run(capsys, "track", *words, "--parts", parts, "--out", tmp_path / "results.csv")
+    assert "note: camera distortion -2.5, 0, 0, 0, 0: folds the image" in outcome.err
 
 
 def test_a_replay_on_the_way(capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path) -> None:

@@ -305,7 +305,8 @@ def test_undistortion_puts_spots_where_the_pinhole_projects(
 def test_what_the_lens_never_saw_is_black() -> None:
     """Beyond r = 0.82 a formula of k1 = -0.5 leads back towards the middle, and would show the image once more."""
     camera = Camera(641, 513, 300.0, 300.0, 320.0, 256.0, (-0.5, 0.0, 0.0, 0.0, 0.0))
-    result = Undistorter(camera)(np.full((513, 641), 200, np.uint8))
+    with pytest.warns(UserWarning, match="folds the image"):
+        result = Undistorter(camera)(np.full((513, 641), 200, np.uint8))
     y, x = np.mgrid[:513, :641]
     radius = np.hypot(x - 320.0, y - 256.0) / 300.0
     fold = np.sqrt(1.0 / 1.5)
@@ -319,6 +320,16 @@ def test_what_the_lens_never_saw_is_black() -> None:
         )
         for made, plain in zip(_undistortion_maps(seen.camera), tables, strict=True):
             np.testing.assert_array_equal(made, plain)
+
+
+def test_a_lens_that_folds_the_image_is_told_and_one_that_does_so_outside_is_not(
+    distorted_camera: Camera, recwarn: pytest.WarningsRecorder
+) -> None:
+    for camera in (distorted_camera, Camera(641, 513, 600.0, 600.0, 320.0, 256.0, (-0.5, 0.0, 0.0, 0.0, 0.0))):
+        Undistorter(camera)  # farther out than its corners it folds, as those of many lenses do
+    assert [str(one.message) for one in recwarn] == []
+    with pytest.warns(UserWarning, match=r"-0.5, 0, 0, 0, 0: folds the image, from 245 px round its middle on"):
+        Undistorter(Camera(641, 513, 300.0, 300.0, 320.0, 256.0, (-0.5, 0.0, 0.0, 0.0, 0.0)))
 
 
 def test_undistortion_tables_are_made_once(distorted_camera: Camera) -> None:
