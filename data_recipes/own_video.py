@@ -20,6 +20,7 @@ so that both `acp-lab track DATASET` and `acp-lab track --video FRAMES --camera 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -44,7 +45,7 @@ from acp_lab.sequences.calibration import (
 from acp_lab.sequences.frame import Frame
 from acp_lab.sequences.images import CameraDevice, ImageFolder, VideoFile, first_size
 from acp_lab.sequences.json_file import read_pose, was_found, write_pose
-from acp_lab.sequences.pixel_coding import BAYER_CODES, PixelCoding
+from acp_lab.sequences.pixel_coding import BAYER_CODES, FILE_NAME, PixelCoding
 from acp_lab.sequences.results_csv import ResultRow, ResultsWriter
 from data_recipes.bop_writer import check_out, new_dataset, write_image, write_models, write_scene
 from data_recipes.command import Parser, at_most, count, note, pair, positive, run, warn
@@ -154,8 +155,11 @@ def _frames(args: argparse.Namespace, camera: Camera) -> Iterator[tuple[int, Byt
 
 
 def _coding(args: argparse.Namespace) -> PixelCoding | None:
-    """How pixel values are meant, when the options tell; None leaves it to a pixels.json."""
-    return PixelCoding(args.bits, args.bayer) if args.bits or args.bayer else None
+    """How pixel values are meant, when the options tell; what they leave open, or all of it, a pixels.json may say."""
+    if not (args.bits or args.bayer):
+        return None
+    beside = PixelCoding.beside(Path(args.frames))
+    return PixelCoding(args.bits or beside.bits, args.bayer or beside.bayer, "the options")
 
 
 def _is_device(frames: str) -> bool:
@@ -184,6 +188,11 @@ def _print_next_steps(args: argparse.Namespace, has_pose: bool, found: bool) -> 
         return
     start = f" --init {quoted(args.out / 'POSES.csv')}" if found else ""
     print(f"acp-lab track {out} --parts PARTS_DIR{start} --out results.csv")
+    coding = _coding(args)
+    if coding is not None and coding != PixelCoding.beside(Path(args.frames)):
+        values = {"bits": coding.bits, "bayer": coding.bayer}
+        told = json.dumps({key: value for key, value in values.items() if value is not None})
+        print(f"echo {quoted(told)} > {quoted(Path(args.frames) / FILE_NAME)}     # the same as the options")
     print(
         f"acp-lab track --video {quoted(args.frames)} --mesh {mesh} --camera {quoted(args.out / 'CAMERA.json')} "
         f"--init {quoted(args.out / 'POSE.json')} --parts PARTS_DIR --out results.csv"
@@ -238,6 +247,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if (args.chessboard or args.charuco) and not (args.views and args.square_mm):
         parser.error("a board needs --views and --square-mm")
+    if (args.bits or args.bayer) and (_is_device(args.frames) or Path(args.frames).is_file()):
+        parser.error("--bits and --bayer are for a folder of images: leave them out")
     if _is_device(args.frames) and args.max_frames is None:
         parser.error("a live camera has no end: give --max-frames")
     return run(make, parser, argv)

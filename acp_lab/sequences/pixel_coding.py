@@ -12,7 +12,7 @@ Of several images the first is judged so: those behind it may be dark.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -41,11 +41,12 @@ _LEAST_DIFFERENCE = 0.03
 class PixelCoding:
     """bits: the real range of 16-bit files, 8 to 16; bayer: a key of BAYER_CODES. None: nobody said.
 
-    Raises InputFileError for other values.
+    told_in: where they were said, for messages alone. Raises InputFileError for other values.
     """
 
     bits: int | None = None
     bayer: str | None = None
+    told_in: str = field(default=FILE_NAME, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.bits is not None and (isinstance(self.bits, bool) or self.bits not in range(8, 17)):
@@ -78,7 +79,7 @@ class PixelCoding:
         values = self._bytes(pixels, where)
         if self.bayer is not None:
             if values.ndim != 2 or min(values.shape) < 4:
-                raise InputFileError(f"{where}: is no raw picture: take bayer {self.bayer} out of {FILE_NAME}")
+                raise InputFileError(f"{where}: is no raw picture: take bayer {self.bayer} out of {self.told_in}")
             return np.asarray(cv2.cvtColor(values, BAYER_CODES[self.bayer]), dtype=np.uint8)
         if looks_raw(values):
             raise InputFileError(
@@ -110,7 +111,7 @@ class PixelCoding:
         white = 2 ** (self.bits or 16) - 1
         if largest > white:
             raise InputFileError(
-                f"{where}: values up to {largest}, but {self.bits} bits end at {white}: correct {FILE_NAME}"
+                f"{where}: values up to {largest}, but {self.bits} bits end at {white}: correct {self.told_in}"
             )
         return ((pixels.astype(np.uint32) * 255 + white // 2) // white).astype(np.uint8)
 

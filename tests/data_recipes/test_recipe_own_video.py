@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import trimesh
 from acp_lab.geometry.camera import Camera, Undistorter
 from acp_lab.sequences import BopDataset, Frame, VideoFile, read_pose, start_rows
 from acp_lab.sequences.json_file import was_found, write_pose
+from acp_lab.sequences.pixel_coding import PixelCoding
 from acp_lab.tracking.find import ACCEPTED
 from data_recipes.own_video import main
 from tests.board_pictures import SQUARE_MM, chessboard_print, pictures
@@ -180,6 +182,22 @@ def test_raw_12_bit_images_become_colour(bench: Path) -> None:
     np.testing.assert_allclose(frame.image[24, 32], [255, 125, 31], atol=1)
 
 
+def test_what_the_options_say_of_pixels_the_next_command_is_told(
+    bench: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bench / "raw").mkdir()
+    assert cv2.imwrite(str(bench / "raw" / "0.png"), np.full((HEIGHT, WIDTH), 4095, np.uint16))
+    options = ("--intrinsics", "80,80,31.5,23.5", "--pose", str(bench / "POSE.json"), "--force")
+    assert make(bench, *options, "--bits", "10", frames="raw") == 2
+    assert "10 bits end at 1023: correct the options" in capsys.readouterr().err
+    assert make(bench, *options, "--bits", "12", frames="raw") == 0
+    echo = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("echo"))
+    subprocess.run(echo, shell=True, check=True)
+    assert PixelCoding.beside(bench / "raw") == PixelCoding(12)
+    assert make(bench, *options, "--bits", "12", frames="raw") == 0
+    assert "echo" not in capsys.readouterr().out
+
+
 def _pose(z: float, x: float = 0.0) -> str:
     return json.dumps({"cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_m2c": [x, 0, z]})
 
@@ -239,6 +257,8 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         ("clip", ("--chessboard", "7x5"), "needs --views and --square-mm"),
         ("clip", ("--intrinsics", "1,2,3"), "fx,fy,cx,cy"),
         ("0", INTRINSICS, "give --max-frames"),
+        ("0", (*INTRINSICS, "--bits", "12", "--max-frames", "3"), "are for a folder of images"),
+        ("box.stl", (*INTRINSICS, "--bayer", "rggb"), "are for a folder of images"),
         ("clip", ("--chessboard", "100000x100000"), "two whole numbers up to 100"),
         ("clip", ("--chessboard", "7x5", "--square-mm", "1e300"), "give 1000 at most"),
     ],
