@@ -101,11 +101,24 @@ class DetectOptions:
             raise InputFileError(
                 f"{self.out}: holds a run of acp-lab track, as {run.name} says: choose another --out, or delete both"
             )
+        if self._is_among_images:
+            raise InputFileError(
+                f"{self.picture}: the picture of --out would be taken for one of the images there: choose another place"
+            )
 
     @property
     def is_data_set(self) -> bool:
         """Whether the source is a data set: a folder of scenes, and not of images alone."""
         return self.source.is_dir() and (self.camera is None or (self.source / self.split).is_dir())
+
+    @property
+    def _is_among_images(self) -> bool:
+        """Whether --out lies in the folder of images that is looked at, or in that of a scene."""
+        from acp_lab.sequences.bop import IMAGE_FOLDERS
+
+        folder = self.out.parent.resolve()
+        is_source = not self.is_data_set and folder == self.source.resolve()
+        return is_source or (folder.name in IMAGE_FOLDERS and (folder.parent / "scene_camera.json").exists())
 
     @property
     def picture(self) -> Path:

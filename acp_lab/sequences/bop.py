@@ -31,7 +31,7 @@ from acp_lab.sequences.scene_truth import SceneTruth, as_id
 
 _CAMERA_MEND = 'it gives per image {"cam_K": [fx, 0, cx, 0, fy, cy, 0, 0, 1]}'
 _OTHER_STARTS = "give start poses (track --init results.csv), or have them found (--init auto)"
-_IMAGE_FOLDERS = ("rgb", "gray")
+IMAGE_FOLDERS = ("rgb", "gray")
 
 
 class BopDataset:
@@ -244,7 +244,7 @@ def open_sequence(path: str | Path) -> BopScene:
         raise InputFileError(f"{path}: a file needs its camera: use open_images(path, Camera.from_json('CAMERA.json'))")
     if not path.is_dir():
         raise InputFileError(f"{path}: no such folder: give a scene folder such as dataset/test/000001")
-    if any((path / inside).exists() for inside in ("scene_camera.json", "scene_gt.json", *_IMAGE_FOLDERS)):
+    if any((path / inside).exists() for inside in ("scene_camera.json", "scene_gt.json", *IMAGE_FOLDERS)):
         return BopScene(path)
     if not (path / "test").is_dir():
         raise InputFileError(
@@ -266,7 +266,7 @@ def image_files(folder: Path) -> dict[int, Path]:
     """
     if not folder.is_dir():
         raise InputFileError(f"{folder}: no such folder: give a scene folder such as dataset/test/000001")
-    found = [folder / name for name in _IMAGE_FOLDERS if (folder / name).is_dir()]
+    found = [folder / name for name in IMAGE_FOLDERS if (folder / name).is_dir()]
     if not found:
         raise InputFileError(f"{folder / 'rgb'}: no such folder: it holds the images, 000000.png or .jpg")
     paths: dict[int, Path] = {}

@@ -228,6 +228,19 @@ def test_a_picture_without_results_beside_it_stays(
     assert not images[1].with_suffix(".csv").exists()
 
 
+@pytest.mark.parametrize("place", ["frames", "data/test/000001/rgb", "data/test/000001/gray"])
+def test_its_picture_does_not_come_among_images(
+    capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, place: str
+) -> None:
+    CAMERA.to_json(tmp_path / "camera.json")
+    shutil.copytree(dataset / "test" / "000001" / "rgb", tmp_path / "frames")
+    out = tmp_path / place / "found.csv"
+    words = ("--camera", tmp_path / "camera.json", "--mesh", dataset / "models" / "obj_000001.ply", "--parts", parts)
+    outcome = run(capsys, "detect", tmp_path / "frames", *words, "--out", out)
+    assert_one_error(outcome, out.with_suffix(".png"), "one of the images there")
+    assert not out.exists()
+
+
 def test_older_results_stay_until_a_frame_is_done(
     capsys: pytest.CaptureFixture[str], dataset: Path, parts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
