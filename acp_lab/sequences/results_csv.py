@@ -209,7 +209,8 @@ def rows_with_ends(path: Path) -> tuple[tuple[ResultRow, int], ...]:
         end += len(line)
         text = line.decode("utf-8", errors="replace").strip()
         if number > 1:
-            rows.append((_row(next(csv.reader([text]), []), f"{path}: line {number}"), end))
+            if line.strip(b"\r\n"):  # else an empty line, as in `read_results`
+                rows.append((_row(next(csv.reader([text]), []), f"{path}: line {number}"), end))
         elif text != ",".join(HEADER):
             raise InputFileError(f"{path}: line 1 is {shown(text)}: it must be {','.join(HEADER)}")
     return tuple(rows)

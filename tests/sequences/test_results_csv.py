@@ -18,6 +18,7 @@ from acp_lab.sequences.results_csv import (
     ResultRow,
     ResultsWriter,
     read_results,
+    rows_with_ends,
     run_info_path,
     start_poses,
 )
@@ -120,6 +121,17 @@ def test_files_of_other_tools_are_read(tmp_path: Path) -> None:
     assert [row.im_id for row in rows] == [2, 3]
     assert rows[1].time_s == -1
     np.testing.assert_array_equal(rows[1].cam_T_obj[:3, 3], [10, 20, 500])
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_empty_lines_are_none_for_who_goes_on_either(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "results.csv"
+    lines = [HEADER, GOOD, "", GOOD.replace("1,2,3", "1,3,3"), "", ""]
+    path.write_bytes(end.join(lines).encode())
+    rows = rows_with_ends(path)
+    assert [row.key for row, _ in rows] == [row.key for row in read_results(path)]
+    assert path.read_bytes()[: rows[1][1]].endswith(b"0.01" + end.encode())
+    assert path.read_bytes()[rows[1][1] :].strip() == b""
 
 
 @pytest.mark.parametrize(
