@@ -40,19 +40,25 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 def find(source: Source, args: argparse.Namespace) -> Found:
     """Models and tracks of the bodies and sequences asked for."""
-    scenes = {path.parent.name: path.parent for path in source.files(r"K\.txt")}
+    scenes: dict[str, Path] = {}
+    for folder in (path.parent for path in source.files(r"K\.txt")):
+        other = scenes.setdefault(folder.name, folder)
+        if other != folder:
+            raise InputFileError(f"{source.name}: sequence {folder.name} is in {other} and {folder}: give one of them")
     if not scenes:
         raise InputFileError(f"{source.name}: no sequences (easy_static_suspension/K.txt): give the whole data set")
-    chosen = args.sequences or tuple(scenes)
+    chosen = tuple(dict.fromkeys(args.sequences or scenes))
     for name in chosen:
         if name not in scenes:
             raise SequenceError(f"{source.name}: no sequence {name}: there are {', '.join(scenes)}")
     tracks = []
     for name in chosen:
         matrix = _matrix(scenes[name] / "K.txt")
-        for body in args.bodies or BODIES:
+        for body in dict.fromkeys(args.bodies or BODIES):
             if (scenes[name] / body).is_dir():  # not every body is in every sequence
                 tracks.append(_track(scenes[name] / body, matrix, name, body))
+            elif args.bodies:
+                note(f"{scenes[name]}: has no {body}: left out")
     if not tracks:
         raise SequenceError(f"{source.name}: none of the bodies asked for is in the sequences asked for")
     meshes = {path.stem: path for path in source.files(r".+\.obj") if path.parent.name == "models"}

@@ -161,12 +161,12 @@ def visibility(alone: np.ndarray, seen: np.ndarray) -> dict[str, object]:
 
 
 def write_json(path: Path, content: object) -> None:
-    """JSON with a line per top-level entry, readable and small."""
+    """JSON with a line per top-level entry, readable and small. NaN and infinity, which are none, raise ValueError."""
     if isinstance(content, dict):
-        lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in content.items()]
+        lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items()]
         path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
     else:
-        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _listed(values: np.ndarray) -> list[float]:

@@ -50,7 +50,7 @@ def find(source: Source, args: argparse.Namespace) -> Found:
     fx, fy, cx, cy = table_of(camera_path, heading=True, columns=None)[0][:4]
     matrix = np.array([[fx, 0.0, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]])
     there = [body for body in BODIES if (root / body / f"{body}.obj").is_file()]
-    bodies = args.bodies or there
+    bodies = tuple(dict.fromkeys(args.bodies or there))
     if not bodies:
         raise SequenceError(f"{root}: holds none of its bodies ({BODIES[0]}/{BODIES[0]}.obj): unpack it again")
     models, tracks = {}, []
@@ -58,7 +58,7 @@ def find(source: Source, args: argparse.Namespace) -> Found:
         object_id = BODIES.index(body) + 1
         mesh = load_mesh(root / body / f"{body}.obj", "mm")
         models[object_id] = model_of(mesh)
-        for sequence in args.sequences:
+        for sequence in dict.fromkeys(args.sequences):
             images = _images(root / body / "frames", sequence, len(poses))
             height, width = read_rgb(images[0]).shape[:2]
             camera = camera_of(matrix, width, height, str(camera_path))
@@ -76,6 +76,10 @@ def _images(folder: Path, sequence: str, count: int) -> list[Path]:
     while len(images) < count and (path := folder / f"{sequence}{len(images):04d}.png").is_file():
         images.append(path)
     last = len(list(folder.glob(f"{sequence}*.png"))) if folder.is_dir() else 0
+    if last > len(images) == count:
+        raise InputFileError(
+            f"{folder}: {sequence} has {last} images, but poses_first.txt {count} poses: unpack or download it again"
+        )
     if not images or last > len(images):
         missing = folder / f"{sequence}{len(images):04d}.png"
         raise InputFileError(f"{missing}: no such image: unpack or download it again")

@@ -89,10 +89,13 @@ def longer_than(tracks: Iterable[Track], min_frames: int) -> tuple[list[Track], 
 
 
 def motion(views: Sequence[View], corners_obj: np.ndarray) -> dict[str, object]:
-    """What a tracker has to follow, per step: turns in degrees, shifts of the box corners in px, as mean and max."""
+    """What a tracker has to follow, per step: turns in degrees, shifts of the box corners in px, as mean and max.
+
+    Steps from or to a view with a corner behind the camera have no shift, and count for none.
+    """
     turns = [rotation_angle_deg(a.cam_T_obj[:3, :3], b.cam_T_obj[:3, :3]) for a, b in pairwise(views)]
     steps = picture_steps(views, corners_obj)
-    numbers = {"rot_deg": np.array(turns), "step_px": steps}
+    numbers = {"rot_deg": np.array(turns), "step_px": steps[np.isfinite(steps)]}
     summary: dict[str, object] = {"frames": len(views)}
     for name, values in numbers.items():
         summary[f"{name}_mean"] = round(float(values.mean()), 2) if len(values) else 0.0

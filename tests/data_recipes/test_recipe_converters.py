@@ -318,6 +318,42 @@ def test_bad_rbot(
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
+def test_fewer_poses_than_images_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_rbot(tmp_path / "in", tiny_views())
+    poses = tmp_path / "in" / "poses_first.txt"
+    poses.write_text("".join(poses.read_text().splitlines(keepends=True)[:-1]))
+    arguments = [str(tmp_path / "in"), "--out", str(tmp_path / "out"), "--sequences", "a_regular"]
+    assert "a_regular has 8 images, but poses_first.txt 7 poses" in refusal(rbot.main, arguments, capsys)
+
+
+@pytest.mark.parametrize(
+    ("main", "write", "names"),
+    [
+        (bcot.main, write_bcot, ("--bodies", "Lego,Lego", "--sequences", "easy_static_trans,easy_static_trans")),
+        (rbot.main, write_rbot, ("--bodies", "cat,cat", "--sequences", "a_regular,a_regular")),
+    ],
+)
+def test_what_is_named_twice_comes_once(
+    tmp_path: Path, main: Main, write: Callable[[Path, Views], Path], names: tuple[str, ...]
+) -> None:
+    write(tmp_path / "in", tiny_views())
+    assert convert(main, tmp_path / "in", tmp_path / "out", *names).scenes() == (1,)
+
+
+def test_a_body_that_a_sequence_lacks_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_bcot(tmp_path / "in", tiny_views())
+    convert(bcot.main, tmp_path / "in", tmp_path / "out", "--bodies", "Lego,Cat")
+    assert "easy_static_trans: has no Cat: left out" in capsys.readouterr().err
+
+
+def test_two_sequences_of_one_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each has its camera matrix, and its frames."""
+    write_bcot(tmp_path / "in" / "first", tiny_views())
+    write_bcot(tmp_path / "in" / "second", tiny_views())
+    said = refusal(bcot.main, [str(tmp_path / "in"), "--out", str(tmp_path / "out")], capsys)
+    assert "sequence easy_static_trans is in " in said
+
+
 def test_fewer_images_than_poses_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_rbot(tmp_path / "in", tiny_views())
     (tmp_path / "in" / "cat" / "frames" / "a_regular0007.png").unlink()

@@ -88,6 +88,8 @@ def test_motion_is_what_a_tracker_must_follow() -> None:
     assert (said["frames"], said["rot_deg_mean"], said["rot_deg_max"]) == (4, 2.0, 2.0)
     assert said["step_px_mean"] == pytest.approx(picture_steps(views, CORNERS).mean(), abs=0.01)
     assert motion(views[:1], CORNERS)["step_px_max"] == 0.0
+    behind = [*views, _view(4, np.deg2rad(8.0), z=-400.0)]
+    assert motion(behind, CORNERS)["step_px_mean"] == said["step_px_mean"]  # a number, as JSON knows no other
 
 
 def test_a_shift_counts_in_pixels_whatever_the_intrinsics_of_each_image() -> None:
