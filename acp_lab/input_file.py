@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import stat
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,13 @@ LARGEST_BYTES = 2 * 1024**3
 """No mesh, image or table of this field comes near it."""
 LARGEST_NUMBER = 1e9
 """No pose, camera or mesh holds a larger one (in mm: 1000 km); such a number is as wrong as infinity."""
+
+
+def path_of(value: object, what: str, example: str) -> Path:
+    """The path that an argument is; InputFileError for another kind. what: such as "a mesh file"; example: of one."""
+    if not isinstance(value, str | PathLike):
+        raise InputFileError(f"{repr(value)[:80]}: is no path of {what}: give one, such as {example!r}")
+    return Path(value)
 
 
 def check_regular(path: Path, fix: str, largest_bytes: float = LARGEST_BYTES) -> None:

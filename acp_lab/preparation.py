@@ -30,6 +30,7 @@ from acp_lab.generator.painted.edge_images import OUTLINE_SHARE_OF_BREAK
 from acp_lab.generator.templates import build_templates
 from acp_lab.generator.two_at_a_time import two_at_a_time
 from acp_lab.generator.visibility import RegionNetwork
+from acp_lab.input_file import path_of
 from acp_lab.locks import only_writer
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import (
@@ -81,7 +82,7 @@ def prepare(
     check_device(options)  # before anything is stored: a refusal leaves no trace
     if out is None:
         return _prepare(part, options, None, progress)
-    folder = part_folder(Path(out), part.name, part.path)
+    folder = part_folder(path_of(out, "a folder of prepared parts", "parts"), part.name, part.path)
     if _is_complete_for_good(part, options, folder):  # nothing is written: no lock, which could not be made there
         return _prepare(part, options, folder, progress)
     with only_writer(folder, "this part"):

@@ -103,6 +103,29 @@ WRONG: dict[str, tuple[Any, str]] = {
         "frame is a ndarray, no Frame",
     ),  # type: ignore[union-attr]
     "look": (lambda: _started().look(sample_scene().frame(1).image, np.eye(4)), "frame is a ndarray, no Frame"),  # type: ignore[union-attr]
+    "open_sequence of nothing": (lambda: acp.open_sequence(None), "None: is no path of a scene"),  # type: ignore[arg-type]
+    "read_pose of nothing": (lambda: acp.read_pose(None), "None: is no path of a pose file: .*POSE.json"),  # type: ignore[arg-type]
+    "Camera.from_json of nothing": (lambda: acp.Camera.from_json(None), "None: is no path of a camera file"),  # type: ignore[arg-type]
+    "Camera.from_json of values": (lambda: acp.Camera.from_json({"width": 640}), "{'width': 640}: is no path"),  # type: ignore[arg-type]
+    "PreparedPart.load of nothing": (lambda: acp.PreparedPart.load(None), "None: is no path of a prepared part"),  # type: ignore[arg-type]
+    "PreparedPart.load and a part": (lambda: acp.PreparedPart.load("a", 3), "3: is no path of a mesh file"),  # type: ignore[arg-type]
+    "Replay of nothing": (lambda: acp.Replay(None), "None: is no path of a replay"),  # type: ignore[arg-type]
+    "ResultsFile of nothing": (lambda: acp.ResultsFile(None), "None: is no path of a results file"),  # type: ignore[arg-type]
+    "prepare into a number": (
+        lambda: acp.prepare(sample_model().part, out=3),  # type: ignore[arg-type]
+        "3: is no path of a folder of prepared parts",
+    ),
+    "snap of nothing": (lambda: acp.snap(None, _first(), np.eye(4)), "model is a NoneType, no PreparedPart"),  # type: ignore[arg-type]
+    "PoseAligner of nothing": (lambda: PoseAligner(None, _first()), "model is a NoneType, no PreparedPart"),  # type: ignore[arg-type]
+    "detect with a number": (
+        lambda: acp.detect(sample_model(), _first(), 3, 5),  # type: ignore[arg-type]
+        "config is a int, no DetectionConfig",
+    ),
+    "a matrix in words": (lambda: acp.Camera.from_matrix("abc", 640, 480), "matrix 'abc': give 3 x 3 numbers"),  # type: ignore[arg-type]
+    "a view in words": (lambda: acp.Camera.from_field_of_view(640, 480, "60"), "hfov_deg='60': give degrees"),  # type: ignore[arg-type]
+    "a crop between pixels": (lambda: BENT.pinhole().cropped(0.5, 0, 9, 9), "crop at 0.5, 0: give whole px"),  # type: ignore[arg-type]
+    "start found in words": (lambda: _begun("yes"), "found is a str 'yes', no bool: give True or False"),
+    "start found in numbers": (lambda: _begun(np.array([1, 0])), "found is a ndarray, no bool"),
     "detect none": (lambda: acp.detect(sample_model(), _first(), top=0), "top = 0: give how many"),
     "Tracker with a class": (lambda: acp.Tracker(sample_model(), acp.Method), "method is a type, no Method: .*'acp'"),  # type: ignore[arg-type]
     "Tracker with nothing": (lambda: acp.Tracker(sample_model(), None), "method is a NoneType"),  # type: ignore[arg-type]
@@ -182,6 +205,10 @@ def _run(sequence: Any, **options: Any) -> Any:
 
 def _made(**changed: Any) -> acp.Part:
     return acp.Part.from_mesh(**{"vertices": np.eye(3), "faces": [[0, 1, 2]], "name": "made", **changed})
+
+
+def _begun(found: Any) -> None:
+    acp.Tracker(sample_model()).start(_first(), sample_scene().first_pose, found)
 
 
 def _started() -> acp.Tracker:

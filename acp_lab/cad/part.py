@@ -24,10 +24,10 @@ from acp_lab.cad.bodies import is_closed, turned_out, wound_alike
 from acp_lab.cad.mesh_file import read_mesh_file, says_its_unit
 from acp_lab.cad.models_info import PartInfo, Symmetries, read_models_info
 from acp_lab.cad.stitching import is_flat, stitched
-from acp_lab.errors import InputFileError, PartError, check_kind
+from acp_lab.errors import PartError, check_kind
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray
 from acp_lab.geometry.icosphere import icosphere
-from acp_lab.input_file import LARGEST_NUMBER
+from acp_lab.input_file import LARGEST_NUMBER, path_of
 
 __all__ = ["Part", "PartInfo", "Symmetries", "clean_mesh", "largest_distance", "read_models_info"]
 
@@ -122,8 +122,7 @@ class Part:
         Raises InputFileError when the file cannot be read whole, PartError when it holds no usable part: no
         faces, vertices that are not numbers, a size that smells of another unit or that `info` contradicts.
         """
-        if not isinstance(path, str | Path):
-            raise InputFileError(f"{path!r}: is no path of a mesh file: give one, such as 'bracket.ply'")
+        path = path_of(path, "a mesh file", "bracket.ply")
         if info is not None:
             check_kind(info, PartInfo, "info", "an entry of models_info.json; a unit is given as unit='m'")
         path = Path(path)

@@ -19,6 +19,7 @@ from acp_lab.detection.pose_search import ROUNDS, DistanceMaps, Poses, distinct,
 from acp_lab.detection.scan import Candidates, depth_levels, scan
 from acp_lab.detection.view_templates import Templates, Views, make_templates, make_views
 from acp_lab.detection.work import Steps, finish
+from acp_lab.errors import check_kind
 from acp_lab.generator.base import RigidGenerator
 from acp_lab.geometry.arrays import ByteImage, FloatArray, IntArray
 from acp_lab.geometry.camera import Camera
@@ -72,6 +73,7 @@ class Detector:
         self._stored_views = views
         self._turns = part.symmetries.transforms()
         self.config = config or DetectionConfig()
+        check_kind(self.config, DetectionConfig, "config", "DetectionConfig(depth_mm=(300, 900)) or the like")
         self._caster: RayCaster = caster_of(part)
 
     def prepare(self) -> None:

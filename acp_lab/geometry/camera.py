@@ -23,7 +23,7 @@ import numpy as np
 from acp_lab.errors import GeometryError, InputFileError
 from acp_lab.files import write_whole
 from acp_lab.geometry.arrays import ByteImage, FloatArray
-from acp_lab.input_file import is_measure, read_json_object
+from acp_lab.input_file import is_measure, path_of, read_json_object
 
 _NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy", "dist")
@@ -94,7 +94,10 @@ class Camera:
 
         Raises GeometryError for another shape and for skew, which the rest of the package does not model.
         """
-        k = np.asarray(matrix, dtype=np.float64)
+        try:
+            k = np.asarray(matrix, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise GeometryError(f"camera matrix {str(matrix)[:60]!r}: give 3 x 3 numbers, row by row") from None
         if k.shape != (3, 3):
             raise GeometryError(f"camera matrix has shape {k.shape}: give 3 x 3 numbers, row by row")
         # Written as "not all close" so that NaN is refused too.
@@ -116,8 +119,12 @@ class Camera:
             >>> round(Camera.from_field_of_view(640, 480, hfov_deg=60.0).fx, 2)
             554.26
         """
-        if not 0.0 < hfov_deg < 180.0:
-            raise GeometryError(f"camera field of view hfov_deg={hfov_deg}: give degrees between 0 and 180")
+        try:
+            is_angle = 0.0 < hfov_deg < 180.0
+        except (TypeError, ValueError):
+            is_angle = False
+        if not is_angle:
+            raise GeometryError(f"camera field of view hfov_deg={hfov_deg!r}: give degrees between 0 and 180")
         focal = 0.5 * width / math.tan(0.5 * math.radians(hfov_deg))
         return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
@@ -128,7 +135,7 @@ class Camera:
         Or {"width","height","hfov_deg"}, see `from_field_of_view`. Further keys are ignored. Raises InputFileError,
         one line, for whatever is wrong with the file.
         """
-        path = Path(path)
+        path = path_of(path, "a camera file", "CAMERA.json")
         values = read_json_object(path, f"write it as {_EXAMPLE}", "camera file")
         by_view = "hfov_deg" in values and not any(key in values for key in _KEYS[2:])
         keys = (*_KEYS[:2], "hfov_deg") if by_view else _KEYS
@@ -190,11 +197,15 @@ class Camera:
     def cropped(self, x: int, y: int, width: int, height: int) -> Camera:
         """The camera of image[y : y + height, x : x + width] (whole px): only the principal point moves.
 
-        Raises GeometryError for a distorted camera, whose coefficients belong to the full image.
+        Raises GeometryError for a distorted camera, whose coefficients belong to the full image, and for parts of px.
         """
         if self.is_distorted:
             raise GeometryError("distorted camera cannot be cropped: undistort the image, use camera.pinhole()")
-        return Camera(width, height, self.fx, self.fy, self.cx - x, self.cy - y)
+        try:
+            left, top = index(x), index(y)
+        except TypeError:
+            raise GeometryError(f"camera crop at {x!r}, {y!r}: give whole px, as 100, 80") from None
+        return Camera(width, height, self.fx, self.fy, self.cx - left, self.cy - top)
 
     def shrunk(self, times: int) -> Camera:
         """The camera of the image whose pixels are the means of `times` squared ones, without what is left at its end.

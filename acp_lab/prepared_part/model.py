@@ -24,6 +24,7 @@ from acp_lab.generator.painted.image_generator import AutoencoderGenerator, Poin
 from acp_lab.generator.templates import TemplateGenerator
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
 from acp_lab.geometry.arrays import FloatArray
+from acp_lab.input_file import path_of
 from acp_lab.pasted import quoted
 from acp_lab.prepared_part import arrays
 from acp_lab.prepared_part.header import (
@@ -209,7 +210,8 @@ class PreparedPart:
         Raises:
             PreparationError: missing, incomplete, changed, of another version, or prepared from another mesh.
         """
-        folder, mesh = Path(folder), None if mesh is None else Path(mesh)
+        folder = path_of(folder, "a prepared part", "parts/bracket")
+        mesh = None if mesh is None else path_of(mesh, "a mesh file", "bracket.ply")
         again = _prepare_command(mesh, folder.parent)
         header = read_header(folder, again)
         if mesh is not None and header["mesh"]["sha256"] != sha256_of(mesh, again):

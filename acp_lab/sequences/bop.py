@@ -21,7 +21,7 @@ from acp_lab.cad.part import Part
 from acp_lab.errors import GeometryError, InputFileError, SequenceError
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera, check_plausible
-from acp_lab.input_file import read_json_object
+from acp_lab.input_file import path_of, read_json_object
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.image_file import IMAGE_SUFFIXES, read_first, read_rgb
 from acp_lab.sequences.json_file import numbers
@@ -239,7 +239,7 @@ def open_sequence(path: str | Path) -> BopScene:
         >>> len(scene.frame_ids), scene.frame(0).image.shape, scene.first_pose.shape
         (40, (512, 640, 3), (4, 4))
     """
-    path = Path(path)
+    path = path_of(path, "a scene", "data/test/000001")
     if path.is_file():
         raise InputFileError(f"{path}: a file needs its camera: use open_images(path, Camera.from_json('CAMERA.json'))")
     if not path.is_dir():

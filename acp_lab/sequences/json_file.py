@@ -17,7 +17,7 @@ from acp_lab.errors import GeometryError, InputFileError
 from acp_lab.files import check_place, write_whole
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.pose import check_rotation, make_pose
-from acp_lab.input_file import is_measure, read_json_object
+from acp_lab.input_file import is_measure, path_of, read_json_object
 
 _POSE_EXAMPLE = '{"cam_R_m2c": [1, 0, 0, 0, 1, 0, 0, 0, 1], "cam_t_m2c": [0, 0, 500]}'
 
@@ -50,7 +50,7 @@ def pose_of(values: object, where: str) -> FloatArray:
 def read_pose(path: str | Path) -> FloatArray:
     """cam_T_obj (4, 4) of a POSE.json; raises InputFileError, one line, for whatever is wrong with the
     file."""
-    path = Path(path)
+    path = path_of(path, "a pose file", "POSE.json")
     return pose_of(_pose_object(path), f"{path}: the pose")
 
 

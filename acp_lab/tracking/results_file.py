@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from acp_lab.input_file import path_of
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.sequences.results_csv import KeptRows, ResultRow, ResultsWriter, check_results_place
 from acp_lab.tracking.observer import SessionInfo
@@ -27,7 +28,7 @@ class ResultsFile:
     def __init__(
         self, path: str | Path, run_info: Mapping[str, Any] | None = None, kept: KeptRows | None = None
     ) -> None:
-        self.path = Path(path)
+        self.path = path_of(path, "a results file", "results.csv")
         check_results_place(self.path)  # before a frame is tracked for it
         self._run_info, self._kept = run_info, kept
         self._writer: ResultsWriter | None = None

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acp_lab.errors import TrackingError
+from acp_lab.errors import TrackingError, check_kind
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.camera import Camera
@@ -103,6 +103,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
     A tracker that starts there is told so, `tracker.start(frame, result.cam_T_obj, found=True)`.
 
     Raises:
+        ParameterError: model or frame is of another kind.
         GeometryError: it is no pose: mirrored, scaled, not finite.
         TrackingError: at the given pose the part is behind the camera, outside the image or shows too few edges.
         PreparationError: the part has no generator.
@@ -119,6 +120,7 @@ def snap(model: PreparedPart, frame: Frame, cam_T_obj: FloatArray, config: SnapC
         True
     """
     config = config or SnapConfig()
+    check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
     check_frame(frame)
     start = check_pose(cam_T_obj, f"{model.part.name}: the pose to start from")
     # Nothing is learnt yet: in the first frame there is nothing to remember.

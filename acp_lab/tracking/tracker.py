@@ -156,13 +156,15 @@ class Tracker:
         One that is refused for the pose alone leaves an earlier track as it is.
 
         Raises:
-            ParameterError: it is no frame, such as a bare image.
+            ParameterError: it is no frame, such as a bare image, or `found` is neither True nor False.
             GeometryError: it is no pose: mirrored, scaled, not finite.
             TrackingError: the part at that pose is behind the camera, outside the image or shows too few edges.
             PreparationError: it is seen from a view region that the method's generator was not trained for.
         """
         clock = Stopwatch()
         check_frame(frame)
+        told: object = found
+        check_kind(told.item() if isinstance(told, np.bool_) else told, bool, "found", "True or False")
         pose = check_pose(cam_T_obj, f"{self.part.name}: the start pose")
         region = self._beginning.region(frame, pose)
         self._forget()

@@ -28,6 +28,7 @@ from acp_lab.display.replay.log import BRIGHT_COLOURS, Iterations, RunLog
 from acp_lab.display.replay.object_log import object_name
 from acp_lab.errors import InputFileError, ParameterError
 from acp_lab.files import check_replaces_own
+from acp_lab.input_file import path_of
 from acp_lab.locks import only_writer
 from acp_lab.sequences.frame import Frame, UnreadableFrame
 from acp_lab.tracking.observer import SessionInfo
@@ -74,7 +75,7 @@ class Replay:
                 raise ParameterError(f"{name} = {count!r}: give a whole number, {least} or more")
         if not isinstance(most_mb, int | float | np.number) or not most_mb > 0.0:
             raise ParameterError(f"most_mb = {most_mb!r}: give megabytes, above 0")
-        self.path = Path(path)
+        self.path = path_of(path, "a replay", "run.rrd")
         check_replaces_own(self.path, b"RRF", "the replay", "a replay")
         self.iterations = iterations
         self.wants_steps = iterations != "off"

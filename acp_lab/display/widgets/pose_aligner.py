@@ -38,7 +38,7 @@ from acp_lab.display.widgets.overlay import RESIDUAL_LABEL, edge_strokes, residu
 from acp_lab.display.widgets.point_canvas import PointCanvas
 from acp_lab.display.widgets.pose_origin import Origin
 from acp_lab.display.widgets.still import Still
-from acp_lab.errors import AcpLabError, GeometryError
+from acp_lab.errors import AcpLabError, GeometryError, check_kind
 from acp_lab.generator.base import GeneratedEdges, project_samples
 from acp_lab.geometry.arrays import FloatArray
 from acp_lab.geometry.planar_pnp import PlanarPnP, solve_planar_pnp
@@ -82,6 +82,7 @@ class PoseAligner(Still, ipywidgets.VBox):
 
     def __init__(self, model: PreparedPart, frame: Frame, cam_T_obj: FloatArray | None = None) -> None:
         """cam_T_obj: (4, 4) to begin with; by default the part is put into the middle of the image."""
+        check_kind(model, PreparedPart, "model", "acp.PreparedPart.load('parts/bracket'), or what acp.prepare returned")
         check_frame(frame)
         self.model, self.frame = model, frame
         self._generator = model.best_generator()
