@@ -24,7 +24,7 @@ from acp_lab.tracking.search import CLOUD_LEVELS
 from acp_lab.tracking.stopwatch import Stopwatch
 
 ALIGNING_LEVELS = (*CLOUD_LEVELS, Level(5, 1.0, 600))
-BEGIN_WORK, LEVEL_WORK, SETTLE_WORK, LOOK_WORK = 2500.0, 800.0, 3500.0, 0.06
+BEGIN_WORK, LEVEL_WORK, SETTLE_WORK, LOOK_WORK = 1500.0, 700.0, 3500.0, 0.012
 """Of an alignment, see `detection.work`: of its solver, of a level, of what its edges have in common, and of a pixel
 that is looked at."""
 _MARGIN_PX = 40.0
