@@ -3,25 +3,28 @@
 One number per frame, such as ADD, says how far off a pose is, not how: along the line of sight, where an image says
 least, or across it. So three angles and three coordinates are followed one by one.
 
-Convention: camera axes (x right, y down, z forward). Angles, in degrees, turn the part about x, then y, then z, from
-its true rotation in the first frame; they go on beyond 180 degrees. Coordinates, in mm, are those of the middle of the
-part's box, since the origin of a CAD file may lie far outside the part.
+Convention: camera axes (x right, y down, z forward). Turns, in degrees, are those of the part about x, y and z from one
+true rotation to the next, added up from the first frame on: unlike Euler angles they do not jump where a part turns by
+a quarter or half about y, and they go on beyond 180 degrees. An estimate is further by the turn that leads from the
+true rotation to it. Coordinates, in mm, are those of the middle of the part's box, since the origin of a CAD file may
+lie far outside the part.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from acp_lab.cad.part import Part
 from acp_lab.errors import SequenceError
 from acp_lab.geometry.arrays import FloatArray, IntArray
 from acp_lab.geometry.pose import transform
+from acp_lab.geometry.pose_step import pose_step_between
 from acp_lab.tracking.session import TrackRun
 
 NAMES = ("turn about x [°]", "turn about y [°]", "turn about z [°]", "x [mm]", "y [mm]", "z [mm]")
+_UNITS = np.repeat([np.degrees(1.0), 1.0], 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +58,14 @@ def pose_parameters(run: TrackRun, object_id: int = 1) -> PoseParameters:
     ]
     if not pairs:
         raise SequenceError(f"{run.name}: no frame of object {object_id} has a truth to compare with")
-    part, first = run.parts[object_id], pairs[0][1]
-    true_rows = _parameters([true for _, true in pairs], first, part)
-    found_rows = _parameters([result.cam_T_obj for result, _ in pairs], first, part)
-    true_rows[:, :3] = np.unwrap(true_rows[:, :3], period=360.0, axis=0)
-    # An angle and the same one a turn further are the same: take the one next to the truth.
-    found_rows[:, :3] -= 360.0 * np.round((found_rows[:, :3] - true_rows[:, :3]) / 360.0)
-    return PoseParameters(np.array([result.frame_id for result, _ in pairs]), found_rows, true_rows)
+    centre_obj = run.parts[object_id].box_centre
+    truths = [true for _, true in pairs]
+    start = np.concatenate([np.zeros(3), transform(truths[0], centre_obj)])
+    true_rows = np.cumsum([start, *(_step(before, after, centre_obj) for before, after in pairwise(truths))], axis=0)
+    off = np.stack([_step(true, result.cam_T_obj, centre_obj) for result, true in pairs])
+    return PoseParameters(np.array([result.frame_id for result, _ in pairs]), true_rows + off, true_rows)
 
 
-def _parameters(poses: list[FloatArray], first: FloatArray, part: Part) -> FloatArray:
-    """(n, 6) of poses (4, 4), turns counted from `first`."""
-    turned = np.stack([pose[:3, :3] @ first[:3, :3].T for pose in poses])
-    centres = np.stack([transform(pose, part.box_centre) for pose in poses])
-    return np.column_stack([Rotation.from_matrix(turned).as_euler("xyz", degrees=True), centres])
+def _step(start: FloatArray, end: FloatArray, centre_obj: FloatArray) -> FloatArray:
+    """(6,) degrees and mm from one pose (4, 4) to another."""
+    return pose_step_between(start, end, centre_obj) * _UNITS

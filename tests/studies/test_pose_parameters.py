@@ -57,6 +57,18 @@ def test_a_part_that_turns_round_and_round_has_no_jump(run: TrackRun) -> None:
     np.testing.assert_allclose(found.off[:, 2], 2.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_constant_error_is_constant_however_the_part_turns(run: TrackRun, axis: int) -> None:
+    """Also next to a quarter turn about y, where two of three Euler angles run wild, and next to whole turns."""
+    part, start = run.parts[1], looking_at(run.parts[1], np.array([0.4, 0.3, 1.0]), 260.0, 0.3)
+    turning = poses(part, start, 60, np.eye(6)[axis] * np.radians(9.9))
+    error = np.array([1.0, -2.0, 0.5, 0.3, 0.2, -0.4])
+    step = np.concatenate([np.radians(error[:3]), error[3:]])
+    found = pose_parameters(made(run, turning, [move_pose(pose, part.box_centre, step) for pose in turning]))
+    np.testing.assert_allclose(np.diff(found.true, axis=0), np.tile(9.9 * np.eye(6)[axis], (59, 1)), atol=1e-6)
+    np.testing.assert_allclose(found.off, np.tile(error, (60, 1)), atol=1e-6)
+
+
 def test_a_run_is_compared_with_its_truth(run: TrackRun) -> None:
     found = pose_parameters(run)
     assert found.frame_ids.tolist() == [0, 2]
