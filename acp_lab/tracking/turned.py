@@ -19,6 +19,7 @@ import numpy as np
 from acp_lab.compiled import kernel
 from acp_lab.generator.base import GeneratedEdges
 from acp_lab.geometry.arrays import BoolArray, FloatArray, IntArray, plain
+from acp_lab.geometry.in_image import in_image
 from acp_lab.sequences.frame import Frame
 from acp_lab.tracking.frame_solver import FrameSolver
 from acp_lab.tracking.learning.knowledge import Off
@@ -214,12 +215,14 @@ class _Asked:
         edges = _drawn(self.solver, self.seen, cam_T_obj, self.clock)
         if edges is None:
             return NOTHING
-        only_there, only_here = apart(edges, self.edges), apart(self.edges, edges)
+        # Beyond the image nothing can be found, and a part next to the lens reaches far beyond.
+        shown, own = (drawn.take(in_image(drawn.points, self.seen.view.camera)) for drawn in (edges, self.edges))
+        only_there, only_here = apart(shown, self.edges), apart(own, edges)
         there, here, both = (np.flatnonzero(rows) for rows in (only_there, only_here, ~only_here))
         if not (len(there) and len(here) and len(both)):
             return NOTHING
-        usual = max(self._found(self.edges, both[:: len(both) // _USUAL + 1], self.pose), _TINY)
-        found, missed = self._found(edges, there, cam_T_obj), self._found(self.edges, here, self.pose)
+        usual = max(self._found(own, both[:: len(both) // _USUAL + 1], self.pose), _TINY)
+        found, missed = self._found(shown, there, cam_T_obj), self._found(own, here, self.pose)
         self.clock.search_s += self.clock.lap()
         return Compared(found / usual, missed / usual, 2.0 / (1.0 / len(there) + 1.0 / len(here)))
 
@@ -235,7 +238,7 @@ def _drawn(solver: FrameSolver, seen: SeenFrame, cam_T_obj: FloatArray, clock: S
 def apart(edges: GeneratedEdges, others: GeneratedEdges) -> BoolArray:
     """(n,) which edge points lie on none of other edges' points of their direction."""
     is_apart = np.ones(len(edges), bool)
-    if len(others):
+    if len(edges) and len(others):
         _apart(plain(edges.points), _numbers(edges), plain(others.points), _numbers(others), is_apart)
     return is_apart
 
@@ -246,31 +249,45 @@ def _numbers(edges: GeneratedEdges) -> IntArray:
     return np.floor(angle * (_DIRECTIONS / np.pi)).astype(np.int64) % _DIRECTIONS
 
 
+@kernel("UniTuple(f8, 4)(f8[:, ::1])")
+def _bounds(points: FloatArray) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of the whole pixels that points (n, 2) px lie in; n is 1 or more."""
+    left, top = points[0, 0], points[0, 1]
+    right, bottom = left, top
+    for i in range(1, len(points)):
+        left, right = min(left, points[i, 0]), max(right, points[i, 0])
+        top, bottom = min(top, points[i, 1]), max(bottom, points[i, 1])
+    return np.floor(left), np.floor(top), np.floor(right), np.floor(bottom)
+
+
 @kernel("void(f8[:, ::1], i8[::1], f8[:, ::1], i8[::1], b1[::1])")
 def _apart(
     points: FloatArray, numbers: IntArray, others: FloatArray, other_numbers: np.ndarray, is_apart: np.ndarray
 ) -> None:
     """Clear is_apart (n,) of points (n, 2) px within `_REACH_PX` of others (m, 2) px of about their direction.
 
-    Drawn as bits, one for each direction, around the whole pixels where the others lie.
+    Drawn as bits, one for each direction, around the whole pixels where the others lie, as far as there are points.
     """
-    left, top = others[0, 0], others[0, 1]
-    right, bottom = left, top
-    for i in range(1, len(others)):
-        left, right = min(left, others[i, 0]), max(right, others[i, 0])
-        top, bottom = min(top, others[i, 1]), max(bottom, others[i, 1])
-    x0, y0 = int(np.floor(left)) - _REACH_PX, int(np.floor(top)) - _REACH_PX
-    width, height = int(np.floor(right)) + _REACH_PX + 1 - x0, int(np.floor(bottom)) + _REACH_PX + 1 - y0
+    left, top, right, bottom = _bounds(points)
+    others_left, others_top, others_right, others_bottom = _bounds(others)
+    x0, y0 = max(left, others_left - _REACH_PX), max(top, others_top - _REACH_PX)
+    width = int(min(right, others_right + _REACH_PX) - x0) + 1
+    height = int(min(bottom, others_bottom + _REACH_PX) - y0) + 1
+    if width <= 0 or height <= 0:
+        return
     drawn = np.zeros((height, width), np.uint32)
     for i in range(len(others)):
-        bits, x, y = 0, int(np.floor(others[i, 0])) - x0, int(np.floor(others[i, 1])) - y0
+        x, y = np.floor(others[i, 0]) - x0, np.floor(others[i, 1]) - y0
+        if not (-_REACH_PX <= x < width + _REACH_PX and -_REACH_PX <= y < height + _REACH_PX):
+            continue
+        bits, column, row = 0, int(x), int(y)
         for turn in range(-2, 3):
             bits |= 1 << ((other_numbers[i] + turn) % _DIRECTIONS)
-        for v in range(-_REACH_PX, _REACH_PX + 1):
-            for u in range(-_REACH_PX, _REACH_PX + 1):
+        for v in range(max(-_REACH_PX, -row), min(_REACH_PX + 1, height - row)):
+            for u in range(max(-_REACH_PX, -column), min(_REACH_PX + 1, width - column)):
                 if u * u + v * v <= _REACH_PX * _REACH_PX:
-                    drawn[y + v, x + u] |= np.uint32(bits)
+                    drawn[row + v, column + u] |= np.uint32(bits)
     for i in range(len(points)):
-        x, y = int(np.floor(points[i, 0])) - x0, int(np.floor(points[i, 1])) - y0
-        if 0 <= x < width and 0 <= y < height and (drawn[y, x] >> np.uint32(numbers[i])) & np.uint32(1):
+        x, y = np.floor(points[i, 0]) - x0, np.floor(points[i, 1]) - y0
+        if 0 <= x < width and 0 <= y < height and (drawn[int(y), int(x)] >> np.uint32(numbers[i])) & np.uint32(1):
             is_apart[i] = False

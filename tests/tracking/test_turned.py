@@ -10,8 +10,9 @@ import pytest
 from acp_lab.cad.near_turns import near_turns
 from acp_lab.errors import TrackingError
 from acp_lab.generator.base import GeneratedEdges
-from acp_lab.geometry.arrays import FloatArray
+from acp_lab.geometry.arrays import BoolArray, FloatArray
 from acp_lab.geometry.camera import Camera
+from acp_lab.geometry.in_image import in_image
 from acp_lab.geometry.pose import make_pose, so3_exp
 from acp_lab.geometry.pose_step import move_pose
 from acp_lab.prepared_part import PreparedPart
@@ -209,3 +210,33 @@ def test_without_others_all_edges_are_apart() -> None:
     some, none = edges(np.ones((3, 2)), np.zeros(3)), edges(np.zeros((0, 2)), np.zeros(0))
     assert apart(some, none).all()
     assert apart(none, some).shape == (0,)
+
+
+def test_a_part_next_to_the_lens_needs_no_more_room() -> None:
+    """Some of its points may be projected millions of pixels away."""
+    rng = np.random.default_rng(4)
+    far = np.array([[6e6, 4e6], [-5e6, 7e6], [20.0, -8e6]])
+    points, others = rng.uniform(0.0, 50.0, (100, 2)), rng.uniform(0.0, 50.0, (80, 2))
+    angles, other_angles = rng.uniform(-4.0, 4.0, 103), rng.uniform(-4.0, 4.0, 83)
+    shown, of_others = edges(points, angles[:100]), edges(others, other_angles[:80])
+    near = apart(shown, of_others)
+    np.testing.assert_array_equal(apart(shown, edges(np.vstack([others, far]), other_angles)), near)
+    beyond = apart(edges(np.vstack([points, far]), angles), of_others)
+    np.testing.assert_array_equal(beyond, [*near, True, True, True])
+    assert apart(edges(far, angles[:3]), of_others).all()
+
+
+def test_only_what_the_image_can_show_is_asked(keyed: PreparedPart, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[GeneratedEdges]()
+
+    def seen(edges: GeneratedEdges, others: GeneratedEdges) -> BoolArray:
+        asked.append(edges)
+        return apart(edges, others)
+
+    monkeypatch.setattr("acp_lab.tracking.turned.apart", seen)
+    pose = spinning(keyed, 1, 0.0)[0]
+    pose[0, 3] += 60.0
+    Tracker(keyed, AS_DRAWN).start(Frame(0, draw([(keyed.part, pose)], camera=LARGE), LARGE), pose)
+    assert asked
+    assert all(in_image(edges.points, LARGE).all() for edges in asked)
+    assert max(edges.points[:, 0].max() for edges in asked) > LARGE.width - 10.0
