@@ -16,14 +16,20 @@ from typing import TypeVar
 
 import numpy as np
 
-from acp_lab.cad.edges import sample_edges
 from acp_lab.cad.part import Part
 from acp_lab.cad.raycast import RayCaster
 from acp_lab.control_points.canonical_frame import canonical_frame, eye_position
 from acp_lab.control_points.coplanar_points import mid_section_points
 from acp_lab.control_points.view_regions import ViewRegion
 from acp_lab.generator.base import GeneratedEdges, RigidGenerator, generate_edges
-from acp_lab.generator.painted.edge_images import EdgeImageConfig, EdgeView, analytic_view, draw_views, make_edge_views
+from acp_lab.generator.painted.edge_images import (
+    EdgeImageConfig,
+    EdgeView,
+    analytic_view,
+    draw_views,
+    edges_to_draw,
+    make_edge_views,
+)
 from acp_lab.generator.painted.edge_images import true_points as points_along
 from acp_lab.generator.painted.edge_points import RidgePoints, ridge
 from acp_lab.generator.painted.image_generator import AutoencoderGenerator
@@ -95,21 +101,30 @@ def study_views(
 
 
 def views_between(
-    part: Part, caster: RayCaster, region: ViewRegion, first: StudyView, last: StudyView, count: int
+    part: Part,
+    caster: RayCaster,
+    region: ViewRegion,
+    config: EdgeImageConfig,
+    first: StudyView,
+    last: StudyView,
+    count: int,
 ) -> list[StudyView]:
     """`count` views of eyes on the arc from one view's eye to another's, both included.
 
+    They are drawn as those of `study_views` with the same `config`, its analytic edges.
+
     Raises PartError when the mesh has no edges.
     """
-    samples = sample_edges(part)
+    size = first.edges.frame.size
+    samples = edges_to_draw(part, size)
     ends = [eye_position(view.edges.frame.canonical_T_obj) - part.box_centre for view in (first, last)]
     views = []
     for share in np.linspace(0.0, 1.0, count):
         direction = sum(w * end / np.linalg.norm(end) for w, end in zip((1.0 - share, share), ends, strict=True))
         distance = sum(w * float(np.linalg.norm(end)) for w, end in zip((1.0 - share, share), ends, strict=True))
         eye_obj = part.box_centre + distance * direction / np.linalg.norm(direction)
-        frame = canonical_frame(eye_obj, part.box_centre, part.radius, region, first.edges.frame.size)
-        seen = analytic_view(part, samples, caster, eye_obj, frame)
+        frame = canonical_frame(eye_obj, part.box_centre, part.radius, region, size)
+        seen = analytic_view(part, samples, caster, eye_obj, frame, config.outline_inset_mm)
         views.append(StudyView(seen, frame.project(first.points_obj), first.points_obj))
     return views
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -122,7 +123,7 @@ def test_pulled_points_still_give_a_rigid_part(part: Part, views: list[StudyView
 
 
 def test_between_two_views_the_eye_goes_along_an_arc(part: Part, caster: RayCaster, views: list[StudyView]) -> None:
-    way = views_between(part, caster, REGION, views[0], views[1], 5)
+    way = views_between(part, caster, REGION, CONFIG, views[0], views[1], 5)
     assert len(way) == 5
     eyes = [eye_position(view.edges.frame.canonical_T_obj) - part.box_centre for view in way]
     ends = [eye_position(view.edges.frame.canonical_T_obj) - part.box_centre for view in views[:2]]
@@ -132,6 +133,15 @@ def test_between_two_views_the_eye_goes_along_an_arc(part: Part, caster: RayCast
     np.testing.assert_allclose(way[0].points, views[0].points, atol=1e-6)
     turned = [np.dot(a, b) / np.linalg.norm(a) / np.linalg.norm(b) for a, b in pairwise(eyes)]
     assert min(turned) > np.dot(eyes[0], eyes[-1]) / far[0] / far[-1]
+
+
+@pytest.mark.parametrize("inset_mm", [0.0, 2.0])
+def test_a_way_begins_and_ends_with_the_views_themselves(part: Part, caster: RayCaster, inset_mm: float) -> None:
+    config = replace(CONFIG, outline_inset_mm=inset_mm)
+    first, last = study_views(part, caster, REGION, config, 2, seed=3)
+    way = views_between(part, caster, REGION, config, first, last, 3)
+    for there, view in ((way[0], first), (way[-1], last)):
+        np.testing.assert_allclose(there.image(), view.image(), atol=1e-3)
 
 
 def test_a_score_prints_its_numbers() -> None:

@@ -124,9 +124,7 @@ def edge_views(
     rng = np.random.default_rng([seed, region.index, 2])
     directions = sample_directions(region, 0.5 * part.box_size, count, config.overlap, seed)
     nearness = rng.uniform(1.0 / config.farthest, 1.0 / config.nearest, count)
-    # The samples that trackers use thin smooth edges out; a picture of them would have gaps.
-    spacing = part.diameter / (POINTS_PER_DIAMETER_128 * config.size / CANONICAL_SIZE)
-    edges = sample_edges(part, spacing, max_smooth_samples=MOST_SMOOTH_SAMPLES)
+    edges = edges_to_draw(part, config.size)
     for direction, near in zip(directions, nearness, strict=True):
         eye_obj = part.box_centre + part.diameter / near * direction
         frame = canonical_frame(eye_obj, part.box_centre, part.radius, region, config.size)
@@ -134,6 +132,15 @@ def edge_views(
             yield analytic_view(part, edges, caster, eye_obj, frame, config.outline_inset_mm)
         else:
             yield canny_view(part, caster, frame, config.oversampling)
+
+
+def edges_to_draw(part: Part, size: int) -> EdgeSamples:
+    """The mesh's edge samples for pictures of a size in px; PartError where it has no edges.
+
+    Those that trackers use thin smooth edges out; a picture of them would have gaps.
+    """
+    spacing = part.diameter / (POINTS_PER_DIAMETER_128 * size / CANONICAL_SIZE)
+    return sample_edges(part, spacing, max_smooth_samples=MOST_SMOOTH_SAMPLES)
 
 
 def analytic_view(
