@@ -98,9 +98,10 @@ def train_region(
     """
     with one_thread():
         views = _make_views(part, edges, caster, region, config.views + config.held_out, config, seed)
-        rows = np.flatnonzero(views.asked.any(0))
+        rows = np.flatnonzero(views.asked[: config.views].any(0))
         # Within a region some coordinates hardly vary; unscaled, the network would ignore them.
-        mean, spread = views.inputs.mean(0), views.inputs.std(0) + 1e-3
+        seen = views.inputs[: config.views]
+        mean, spread = seen.mean(0), seen.std(0) + 1e-3
         inputs = torch.from_numpy((views.inputs - mean) / spread)
         torch_seed = seed * 100 + region.index
         model = _network(config.hidden, len(rows), torch_seed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,14 @@ from acp_lab.control_points.view_regions import ALL_REGIONS, sample_directions
 from acp_lab.generator.painted.config import AutoencoderConfig
 from acp_lab.generator.templates import RAY_OFFSET_IN_DIAMETERS
 from acp_lab.generator.visibility import RegionNetwork, VisibilityNetwork
-from acp_lab.generator.visibility_training import TrainingConfig, TrainingReport, _network, train_region
+from acp_lab.generator.visibility_training import (
+    TrainingConfig,
+    TrainingReport,
+    _make_views,
+    _network,
+    _Views,
+    train_region,
+)
 from tests.made_parts import looking_at
 
 REGION = ALL_REGIONS[4]
@@ -55,6 +63,24 @@ def test_the_same_seed_gives_the_same_weights(part: Part, edges: EdgeSamples, ca
     assert report == report_again
     other, _ = train_region(part, edges, caster, REGION, TINY, seed=4)
     assert not np.array_equal(first.weight1, other.weight1)
+
+
+def test_views_that_are_held_out_have_no_say_in_the_network(
+    part: Part, edges: EdgeSamples, caster: RayCaster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither in its weights, nor in how its inputs are scaled or for which samples it answers."""
+    network, _ = train_region(part, edges, caster, REGION, TINY, seed=3)
+
+    def others_held_out(*args: Any) -> _Views:
+        views = _make_views(*args)
+        views.inputs[TINY.views :] += 5.0
+        views.asked[TINY.views :] = True
+        return views
+
+    monkeypatch.setattr("acp_lab.generator.visibility_training._make_views", others_held_out)
+    again, _ = train_region(part, edges, caster, REGION, TINY, seed=3)
+    for name, value in vars(network).items():
+        np.testing.assert_array_equal(value, getattr(again, name), err_msg=name)
 
 
 def test_shapes_and_types_are_those_that_are_stored(part: Part, edges: EdgeSamples, caster: RayCaster) -> None:
