@@ -26,7 +26,13 @@ from acp_lab.tracking.result import TargetView
 from acp_lab.tracking.schedule import Level
 from acp_lab.tracking.targets import QUALITY_SIGMA_PX, check_precision
 from acp_lab.tracking.targets.shared_edges import EdgeSharing
-from acp_lab.tracking.targets.soft_assignment import Assignment, mixture_loss, robust_loss, soft_assignment
+from acp_lab.tracking.targets.soft_assignment import (
+    Assignment,
+    mixture_loss,
+    negative_log_likelihood,
+    robust_loss,
+    soft_assignment,
+)
 
 # The search has whole pixels; a narrower capture range would only pick among their rounding errors.
 _LEAST_SIGMA_PX = 1.0
@@ -360,8 +366,8 @@ class NormalMeasurement:
 
     @property
     def loss(self) -> float:
-        """e of the level: the negative log-likelihood of the mixture, in squared px."""
-        return self.sigma_px**2 * mixture_loss(self.assigned.mass, self.outlier)
+        """e of the level, in px^2; as one of n points moves along its normal the slope is -weight residual / n."""
+        return self.sigma_px**2 * negative_log_likelihood(self.assigned.mass, self.trust, self.outlier)
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,11 +65,22 @@ def _assign(distances: FloatArray, scores: FloatArray, sigma_px: float, outlier:
 
 
 def robust_loss(distances: FloatArray, scores: FloatArray, sigma_px: float, outlier: float) -> float:
-    """e(I): mean over edge points of -log((sum_k p_ik + outlier) / (1 + outlier)), 0 for a perfect fit.
+    """e(I) as it is reported: mean over edge points of -log((sum_k p_ik + outlier) / (1 + outlier)).
 
-    The negative log-likelihood whose expectation-maximisation step `soft_assignment` is.
+    0 for a perfect fit: of several candidates that share a point no more than 1 counts.
     """
     return mixture_loss((scores * np.exp(-0.5 * (distances / sigma_px) ** 2)).sum(1), outlier)
+
+
+def negative_log_likelihood(mass: FloatArray, trust: FloatArray, outlier: float) -> float:
+    """Whose expectation-maximisation step `soft_assignment` is, of the candidates' total mass (n,) and trust (n,).
+
+    Mean over edge points of -trust log((mass + outlier) / (1 + outlier)), which falls on where the mass is above 1.
+    Without points, that of an edge not found.
+    """
+    if len(mass) == 0:
+        return mixture_loss(mass, outlier)
+    return float(trust @ (np.log1p(outlier) - np.log(mass + outlier))) / len(mass)
 
 
 def mixture_loss(mass: FloatArray, outlier: float) -> float:

@@ -24,6 +24,7 @@ from acp_lab.tracking.sources.rigid import RigidSource
 from acp_lab.tracking.targets import QUALITY_SIGMA_PX
 from acp_lab.tracking.targets.normals import (
     NormalMeasure,
+    NormalMeasurement,
     NormalSearch,
     NormalTarget,
     RepeatedSearch,
@@ -33,7 +34,7 @@ from acp_lab.tracking.targets.normals import (
     _place,
     _residuals,
 )
-from acp_lab.tracking.targets.soft_assignment import mixture_loss, robust_loss, soft_assignment
+from acp_lab.tracking.targets.soft_assignment import negative_log_likelihood, robust_loss, soft_assignment
 from tests.tracking.rendered import CAMERA, MadeSequence, prepared
 from tests.tracking.views import prior_of, view_at
 
@@ -117,11 +118,33 @@ def test_residuals_and_weights_are_those_of_the_soft_assignment(measure: NormalM
     np.testing.assert_array_equal(seen.residuals, expected.residuals)
     np.testing.assert_array_equal(seen.weights, expected.weights)
     assert seen.directions is measure.normals
-    assert seen.loss == pytest.approx(LEVEL.sigma_px**2 * mixture_loss(expected.mass, config.outlier))
+    likelihood = negative_log_likelihood(expected.mass, np.ones(len(edges)), config.outlier)
+    assert seen.loss == pytest.approx(LEVEL.sigma_px**2 * likelihood)
     # What a result reports is of one width on all levels.
     assert measure.reported_loss(shifted) == pytest.approx(
         robust_loss(measure.distances(shifted), measure.scores, QUALITY_SIGMA_PX, config.outlier)
     )
+
+
+def test_a_levels_loss_falls_along_the_solvers_step(rng: np.random.Generator) -> None:
+    """Also of points that are trusted little, and of those that several candidates give a mass above 1."""
+    scores, trust, normals = rng.random((30, 4)), rng.random(30), np.zeros((30, 2))
+    distances = rng.normal(0.0, 2.0, (30, 4))
+
+    def at(distances: FloatArray) -> NormalMeasurement:
+        return NormalMeasurement(soft_assignment(distances, scores, 1.5, 0.5), normals, trust, 1.5, 0.5)
+
+    seen, step = at(distances), 1e-4
+    assert (seen.assigned.mass > 1.0).any()
+    for i in range(30):
+        nudge = step * np.eye(30)[i][:, None]
+        slope = (at(distances - nudge).loss - at(distances + nudge).loss) / (2.0 * step)
+        assert slope * 30 == pytest.approx(-seen.weights[i] * seen.residuals[i], rel=1e-5, abs=1e-7)
+
+
+def test_without_points_a_level_has_found_nothing() -> None:
+    none = soft_assignment(np.zeros((0, 4)), np.zeros((0, 4)), 2.0, 0.5)
+    assert NormalMeasurement(none, np.zeros((0, 2)), np.zeros(0), 2.0, 0.5).loss == pytest.approx(4.0 * np.log(3.0))
 
 
 def test_the_levels_sigma_and_the_outliers_mass_count(
