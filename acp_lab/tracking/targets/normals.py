@@ -171,7 +171,11 @@ class NormalMeasure:
         self.trust: FloatArray = np.ones(len(edges)) if trust is None else trust
 
     def _share_out(self, offsets: FloatArray, level: Level) -> None:
-        """Leave each sample its share of its candidates at offsets (n, m) px, where any sample is known."""
+        """Leave each sample its share of its candidates, where any sample is known.
+
+        offsets: (n, m) px from the generated points to where the candidates' profiles say that the CAD's edge lies; the
+        samples' expected offsets are not taken off.
+        """
         sharing, memory, ids = self._target.config.sharing, self.knowledge.memory, self.edges.sample_ids
         if isinstance(sharing, Off) or memory is None or not (known := memory.known[ids]).any():
             return

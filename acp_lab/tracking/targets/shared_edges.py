@@ -3,9 +3,12 @@
 Where two edges of the model run side by side a few px apart, a rim and the face behind it, both find the same image
 edge, and the one whose own edge shows no contrast pulls the pose away from the other. So an image edge counts for a
 sample only by the share that is its own: with s the candidate's score after the memory had its say, d its distance from
-where the sample is expected, v the variance of that, and c the weight of the sample::
+the generated edge point, v the variance of that, and c the weight of the sample::
 
     m = c s exp(-d^2 / (2 v)),      share = m / (m + the most that a known neighbour on another edge makes of it)
+
+A candidate stands where its profile says that the CAD's edge lies (`learning.edge_profiles`), for d as for whether two
+candidates are one image edge. A sample's expected offset (`learning.contour_offsets`) is not taken off d.
 
 A sample that was never found before counts little and claims nothing: what is new in sight may have hardly any
 contrast, and what is known explains most of what is seen. At fine levels what is known keeps its edges: it lies where
@@ -36,7 +39,8 @@ class EdgeSharing:
         newcomer: weight of a sample that was never found before; the others have 1.
         apart_px: samples nearer to each other across the edge than this are of one edge.
         along_px: how far along the edge a neighbour may be.
-        same_px: candidates of two samples nearer to each other than this are one image edge.
+        same_px: candidates of two samples nearer to each other than this, after their profiles had their say, are
+            one image edge.
         spread_px: standard deviation of an edge's place where the pose is known; the variance that the expected pose
             gives it is added. unknown_px: the standard deviation instead, where nobody knows how sure that pose is.
         known_from_sigma_px: at finer levels than this the known keep their edges, and only newcomers share.
@@ -66,7 +70,7 @@ class EdgeSharing:
 
         Args:
             scores: (n, m) in [0, 1], 0 where there is no candidate.
-            offsets: (n, m) px of the candidates along the normals.
+            offsets: (n, m) px of the candidates along the normals, where profiles say that the CAD's edge lies.
             points: (n, 2) px of the edge points; normals: (n, 2) unit.
             known: (n,) whether a sample was found before.
             level: at which the candidates were searched.
