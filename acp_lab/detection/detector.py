@@ -158,7 +158,8 @@ class Detector:
         """With as many candidates as the prior's share of all poses asks for."""
         nearest, farthest = self.config.depth_mm or USUAL_DEPTHS_MM
         everywhere = log(farthest / nearest)
-        share = log(prior.depth_ratio**2) / everywhere if everywhere else 1.0
+        # A depth that is known still takes one level of the pyramid.
+        share = log(max(prior.depth_ratio**2, self.config.depth_step)) / everywhere if everywhere else 1.0
         share *= min(1.0, 2.0 * prior.within_deg / 180.0)
         if prior.around_px is not None:
             share *= _SHARE_NEARBY

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from acp_lab.detection.config import DetectionConfig
 from acp_lab.detection.detector import Detector, turned_views
 from acp_lab.detection.pose_prior import PosePrior, rotation_from_axis
 from acp_lab.detection.work import finish
@@ -55,6 +56,16 @@ def test_a_symmetric_part_is_as_near_from_its_other_side() -> None:
     other = half[None, :3, :3]
     assert not prior.allows(other, np.zeros(3), NO_TURN, 0.0).any()
     assert prior.allows(other, np.zeros(3), np.stack([np.eye(4), half]), 0.0).all()
+
+
+def test_a_depth_that_is_known_takes_as_many_candidates_as_one_level() -> None:
+    config = DetectionConfig(depth_mm=(250.0, 1200.0), depth_step=1.15)
+    detector = Detector(sample_model().part, sample_model().best_generator(), config)
+    starts = {ratio: detector._narrowed(PosePrior(np.eye(4), 180.0, ratio)).starts for ratio in (1.0, 1.05, 1.15, 1.4)}
+    levels = np.log(1200.0 / 250.0) / np.log(1.15)
+    assert starts[1.0] == starts[1.05] == round(config.starts / levels)
+    assert starts[1.15] == round(2.0 * config.starts / levels)
+    assert starts[1.4] == round(config.starts * np.log(1.4**2) / np.log(1200.0 / 250.0))
 
 
 def test_the_part_is_found_near_where_it_was() -> None:
