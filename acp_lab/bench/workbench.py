@@ -12,7 +12,7 @@ from acp_lab.bench.rapid.tracker import NAMES
 from acp_lab.bench.report import Report
 from acp_lab.bench.runner import sequences_of
 from acp_lab.bench.spread import Progress, complete
-from acp_lab.errors import ParameterError
+from acp_lab.errors import ParameterError, TrackingError
 from acp_lab.tracking.method import METHODS, Method, method_named
 from acp_lab.tracking.method_file import check_writable
 
@@ -83,7 +83,7 @@ def _by_name(methods: Iterable[Method | str]) -> dict[str, Method | str]:
     found: dict[str, Method | str] = {}
     for told in methods:
         if isinstance(told, str) and told not in (*METHODS, *NAMES):
-            raise ParameterError(f"method {told}: no such method: there are {', '.join((*METHODS, *NAMES))}")
+            raise TrackingError(f"method {told}: no such method: there are {', '.join((*METHODS, *NAMES))}")
         method = method_named(told) if isinstance(told, str) and told in METHODS else told
         if isinstance(method, Method):
             check_writable(method)
