@@ -1,10 +1,10 @@
 """Alignment: from where the detector believes the part to be to the pose that the frame shows.
 
 It is what a tracker makes of a first frame from a pose that is not far off: coarse to fine, and again with what the
-part's edges have in common (`FrameSolver.settle`), as the pose of a candidate is often off by a few percent of the
-distance, and how edges look is learnt at the wrong place then. So each time all levels are gone through. A right
-candidate ends where edges and colours agree, a wrong one does not: what the image says of the poses that come out
-tells them apart.
+part's edges have in common (`FrameSolver.settle`). A right candidate is off by about a percent of the distance, which
+is several percent of the diameter, and what its edges have in common is first learnt there; so each time all levels are
+gone through. It ends where edges and colours agree, a wrong one does not: what the image says of the poses that come
+out tells them apart.
 """
 
 from __future__ import annotations

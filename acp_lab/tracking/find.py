@@ -39,6 +39,7 @@ _RIVALS = 8
 _MOST_PIXELS = 2_500_000
 """Of a magnified image that is searched."""
 _MARGIN_PX = 40.0
+"""Around where the part may be in a magnified image: what stands beside it tells, too."""
 _SAME_SHARE = 0.1
 """Of the diameter: poses whose points are no further apart are one hypothesis."""
 _APART_SHARE = 0.25
@@ -136,7 +137,7 @@ class Finder:
         seen_in, aligned = {id(candidate): one for candidate, one in found}, list[Candidate]()
         for candidate in self._distinct((candidate for candidate, _ in found), aligned_most or _RIVALS):
             if aligned_most > 0:
-                # Only that counts: it is where the pose search climbed to that the image speaks best for.
+                # Only what comes of that counts: where its own search ended any candidate, right or wrong, looks good.
                 aligned += yield from self._aligned(frame, candidate, seen_in[id(candidate)])
             else:
                 aligned.append(candidate)
